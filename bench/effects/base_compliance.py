@@ -21,7 +21,7 @@ from bench.effects.effect import ModelEffect, assumed, optional, size
 from bench.effects.springs import add_spring, softest_directions
 from bench.kinematic_chain import Anatomy, pose_in
 
-TILTS = ("rx_rad_per_nm", "ry_rad_per_nm")
+LABELS = ("rx", "ry", "rz", "x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,15 @@ class BaseCompliance(ModelEffect):
         centre = rotation.T @ (np.array([0.0, 0.0, self.centre_m]) - origin)
         level = self.rx_rad_per_nm, self.ry_rad_per_nm, self.rxy_rad_per_nm
         tilts, across = softest_directions(*level)
-        rotation = np.vstack([across.T @ rotation[:2], rotation[2], rotation])
-        sizes = {**self.parameters(), **dict(zip(TILTS, tilts, strict=True))}
-        sizes.pop("rxy_rad_per_nm", None)
-        for i, (name, compliance) in enumerate(sizes.items()):
+        turns = [*tilts, self.rz_rad_per_nm]
+        shifts = self.x_m_per_n, self.y_m_per_n, self.z_m_per_n
+        directions = [*(across.T @ rotation[:2]), rotation[2], *rotation]
+        for i, compliance in enumerate((*turns, *shifts)):
             if compliance > 0.0:
                 add_spring(
                     spec.body(foot),
-                    f"base_{name.partition('_')[0]}",
-                    rotation[i],
+                    f"base_{LABELS[i]}",
+                    directions[i],
                     1.0 / compliance,
                     pos=centre,
                     slide=i >= 3,

@@ -124,11 +124,11 @@ class Effect(ABC):
         Numbers, and names of other parts.
         """
         own = (f for f in fields(self)[1:] if not f.metadata.get("assumed"))
-        every = {f.name: (f, getattr(self, f.name)) for f in own}
+        every = ((f, getattr(self, f.name)) for f in own)
         return {
-            name: value
-            for name, (f, value) in every.items()
-            if "optional" not in f.metadata or value != f.default
+            f.name: value
+            for f, value in every
+            if value != f.default or not f.metadata.get("optional")
         }
 
 

@@ -20,10 +20,12 @@ from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, Shape, Shapes
 from stiffness.effects.base_compliance import SOFT_TURN, BaseCompliance
-from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.effects.jacobian import EffectJacobian, hstack, mixture
 from stiffness.experiment.static_state import StaticState
 
 ALIGNED = BaseCompliance()
+EACH = np.eye(7)
+"""Its variants one by one: the coupling of both level tilts comes first."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,9 @@ class AskewBase(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        (own,) = ALIGNED.jacobian(situation, where, shape).parts
-        (coupled,) = ALIGNED.variants(situation, where, shape).parts
-        both = np.concatenate([values(own), values(coupled)[:, :, :1]], axis=2)
-        return EffectJacobian(7, (with_values(own, both),))
+        at = situation, where, shape
+        coupled = mixture(ALIGNED.variants(*at), EACH[:, :1])
+        return hstack([ALIGNED.jacobian(*at), coupled])
 
     @override
     def prior_sigma(
@@ -66,5 +67,4 @@ class AskewBase(Hypothesis):
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        (coupled,) = ALIGNED.variants(situation, where, shape).parts
-        return EffectJacobian(6, (with_values(coupled, values(coupled)[:, :, 1:]),))
+        return mixture(ALIGNED.variants(situation, where, shape), EACH[:, 1:])

@@ -14,12 +14,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.bearing_tilt import BearingTilt
-from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.effects.jacobian import EffectJacobian, hstack
 from stiffness.experiment.static_state import StaticState
 
 ALIGNED = BearingTilt()
@@ -50,10 +49,8 @@ class AskewTilt(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        (own,) = ALIGNED.jacobian(situation, where, shape).parts
-        (coupled,) = ALIGNED.variants(situation, where, shape).parts
-        both = np.concatenate([values(own), values(coupled)], axis=2)
-        return EffectJacobian(3, (with_values(own, both),))
+        at = situation, where, shape
+        return hstack([ALIGNED.jacobian(*at), ALIGNED.variants(*at)])
 
     @override
     def parameters(

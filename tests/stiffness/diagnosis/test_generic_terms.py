@@ -6,15 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import (
-    FEW,
-    MODEL,
-    arm,
-    moved_by,
-    prepared,
-    recording,
-    select_model,
-)
+from small_bench import FEW, MODEL, arm, moved_by, prepared, recording, select_model
 
 from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
 from bench.effects.out_of_library.foot_lift_off import FootLiftOff

@@ -6,13 +6,7 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from small_bench import (
-    FEW,
-    arm,
-    prepared,
-    recording,
-    select_model,
-)
+from small_bench import FEW, arm, prepared, recording, select_model
 
 from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
@@ -38,11 +32,7 @@ from stiffness.diagnosis.relinearisation import (
     total_softening,
 )
 from stiffness.diagnosis.search import Search
-from stiffness.diagnosis.selection import (
-    _exchange_step,
-    _imitators,
-    _selected_under,
-)
+from stiffness.diagnosis.selection import _exchange_step, _imitators, _selected_under
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     normal_equations_of,

@@ -6,13 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import (
-    FEW,
-    arm,
-    prepared,
-    recording,
-    select_model,
-)
+from small_bench import FEW, arm, prepared, recording, select_model
 
 from scenarios.pipelines.diagnosis import answer_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions

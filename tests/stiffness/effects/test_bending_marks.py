@@ -6,14 +6,7 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import (
-    FEW,
-    MODEL,
-    arm,
-    moved_by,
-    prepared,
-    select_model,
-)
+from small_bench import FEW, MODEL, arm, moved_by, prepared, select_model
 
 from bench.effects.parse import parse_all
 from bench.experiment import record
@@ -28,9 +21,7 @@ from stiffness.diagnosis.joint_fit import Layout
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.selection import (
-    exchange_search,
-)
+from stiffness.diagnosis.selection import exchange_search
 from stiffness.effects.base import axes_of
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, MarkerDisplacement
 from stiffness.effects.joint_compliance import JointCompliance
