@@ -494,3 +494,70 @@ def sizes_beyond_limits(
         if name in parameters and not low <= parameters[name].estimate <= high
     ]
     return f"it would need {' and '.join(told)}"
+
+
+BEYOND = 0.1
+"""Share of what a name explains that it may lose within its physical limits; chosen: a
+small part of an effect may be out of place beside what was not named."""
+
+
+def refused_by_sizes(
+    case: SelectionProblem,
+    terms: Sequence[ModelTerm],
+    parameters: Sequence[dict[str, Interval]],
+    gains: Sequence[float],
+    columns: Sequence[int],
+) -> list[Decision]:
+    """Return the names that hold nothing, or more than any arm has.
+
+    A law of one size that has the wrong sign has no other part that could be right.
+
+    Args:
+        case: What may be looked at.
+        terms: The set.
+        parameters: Of each term, with intervals.
+        gains: What each term explains that the others do not.
+        columns: How many sizes each term has.
+    """
+    decisions = held_by_nothing(terms, parameters)
+    nothing = {decision.candidate for decision in decisions}
+    every = zip(terms, parameters, gains, columns, strict=True)
+    for term, own, gain, count in every:
+        if term.name in nothing:
+            continue
+        share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
+        sizes = {name: found.estimate for name, found in own.items()}
+        against = count == 1 and is_beyond_nothing(case.situation, term, sizes)
+        if share > BEYOND or (share > 0.0 and against):
+            reason = sizes_beyond_limits(case.situation, term, own)
+            one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
+            decisions.append(one)
+        elif may_be_nothing(term.hypothesis, up_to_nothing(case.situation, term, own)):
+            reason = "none of its magnitudes is surely one that it can have"
+            decisions.append(
+                Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
+            )
+    return decisions
+
+
+def held_by_nothing(
+    terms: Sequence[ModelTerm], parameters: Sequence[dict[str, Interval]]
+) -> list[Decision]:
+    """Return the names whose magnitudes may all be zero, by their intervals."""
+    reason = "the intervals of all its magnitudes contain zero"
+    return [
+        Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
+        for term, own in zip(terms, parameters, strict=True)
+        if may_be_nothing(term.hypothesis, own)
+    ]
+
+
+def has_wrong_sign(
+    case: SelectionProblem, term: ModelTerm, size: Float[np.ndarray, " columns"]
+) -> bool:
+    """Return whether a law of one size has a sign that it cannot have."""
+    here, law = case.situation, term.hypothesis
+    if len(size) > 1 or term.is_generic:
+        return False
+    sizes = dict(law.parameters(here, term.where, term.shape, size))
+    return is_beyond_nothing(here, term, sizes)

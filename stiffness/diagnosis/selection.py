@@ -23,15 +23,13 @@ from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.candidates import Library, is_course
 from stiffness.diagnosis.gate import (
     PoseStatistics,
-    cost_of_limits,
     drop_one_gains,
     gate_terms,
-    is_beyond_nothing,
-    may_be_nothing,
+    has_wrong_sign,
+    held_by_nothing,
     pose_statistics,
+    refused_by_sizes,
     second_order_name,
-    sizes_beyond_limits,
-    up_to_nothing,
 )
 from stiffness.diagnosis.joint_fit import (
     Layout,
@@ -81,10 +79,6 @@ from stiffness.regression.group_selection import (
 from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import Decision, Name, last_of_each
 from stiffness.regression.splits import Split
-
-BEYOND = 0.1
-"""Share of what a name explains that it may lose within its physical limits; chosen: a
-small part of an effect may be out of place beside what was not named."""
 
 # --- The selected model ---------------------------------------------------------------
 
@@ -457,10 +451,10 @@ def _judged(
         parameters = parameters_of(*here, look.selected_alone, case.split)
         gains = drop_one_gains(statistics, terms)
         columns = [len(own) for own in look.fit.coefficients]
-        withheld = _withheld(case, terms, parameters, gains, columns)
+        withheld = refused_by_sizes(case, terms, parameters, gains, columns)
         if not withheld and beside:  # what is reported may hold nothing, too
             parameters = parameters_of(*here, look, case.split)
-            withheld = _held_by_nothing(terms, parameters)
+            withheld = held_by_nothing(terms, parameters)
         if not withheld:
             break
         z = dict(zip(gated.names, gated.z, strict=True))
@@ -506,7 +500,7 @@ def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Dec
     """
     where, found = wrong.candidate[1], dict[tuple[str, str], float]()
     k = [m.name for m in fit.members].index(wrong.candidate)
-    if not _has_wrong_sign(case, fit.members[k], fit.coefficients[k]):
+    if not has_wrong_sign(case, fit.members[k], fit.coefficients[k]):
         return wrong
     for term in fit.members:
         if term.where != where or term.is_generic:
@@ -514,7 +508,7 @@ def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Dec
         rest = beyond_present_names([m for m in fit.members if m is not term])
         less = fit_model(case, fit_shapes(case, rest))
         every = zip(less.members, less.coefficients, strict=True)
-        if not any(_has_wrong_sign(case, m, c) for m, c in every if m.where == where):
+        if not any(has_wrong_sign(case, m, c) for m, c in every if m.where == where):
             price = less.degrees_of_freedom * np.log(case.poses)
             found[term.name] = less.gain - price
     least = max(found, key=found.__getitem__, default=wrong.candidate)
@@ -522,61 +516,6 @@ def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Dec
         return wrong
     reason = f"beside it {wrong.candidate[0]} there would be physically impossible"
     return replace(wrong, candidate=least, reason=reason, parameters={})
-
-
-def _has_wrong_sign(
-    case: SelectionProblem, term: ModelTerm, size: Float[np.ndarray, " columns"]
-) -> bool:
-    """Return whether a law of one size has a sign that it cannot have."""
-    here, law = case.situation, term.hypothesis
-    if len(size) > 1 or term.is_generic:
-        return False
-    sizes = dict(law.parameters(here, term.where, term.shape, size))
-    return is_beyond_nothing(here, term, sizes)
-
-
-def _withheld(
-    case: SelectionProblem,
-    terms: Sequence[ModelTerm],
-    parameters: Sequence[dict[str, Interval]],
-    gains: Sequence[float],
-    columns: Sequence[int],
-) -> list[Decision]:
-    """Return the names that hold nothing, or more than any arm has.
-
-    A law of one size that has the wrong sign has no other part that could be right.
-    """
-    decisions = _held_by_nothing(terms, parameters)
-    nothing = {decision.candidate for decision in decisions}
-    every = zip(terms, parameters, gains, columns, strict=True)
-    for term, own, gain, count in every:
-        if term.name in nothing:
-            continue
-        share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
-        sizes = {name: found.estimate for name, found in own.items()}
-        against = count == 1 and is_beyond_nothing(case.situation, term, sizes)
-        if share > BEYOND or (share > 0.0 and against):
-            reason = sizes_beyond_limits(case.situation, term, own)
-            one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
-            decisions.append(one)
-        elif may_be_nothing(term.hypothesis, up_to_nothing(case.situation, term, own)):
-            reason = "none of its magnitudes is surely one that it can have"
-            decisions.append(
-                Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
-            )
-    return decisions
-
-
-def _held_by_nothing(
-    terms: Sequence[ModelTerm], parameters: Sequence[dict[str, Interval]]
-) -> list[Decision]:
-    """Return the names whose magnitudes may all be zero, by their intervals."""
-    reason = "the intervals of all its magnitudes contain zero"
-    return [
-        Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
-        for term, own in zip(terms, parameters, strict=True)
-        if may_be_nothing(term.hypothesis, own)
-    ]
 
 
 DISPERSED = 1.5

@@ -21,7 +21,7 @@ from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
-from stiffness.diagnosis.gate import cost_of_limits
+from stiffness.diagnosis.gate import cost_of_limits, refused_by_sizes
 from stiffness.diagnosis.model_evaluation import _mean_square_of
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -32,7 +32,6 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
-from stiffness.diagnosis.selection import _withheld
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import MOST_TAKEN, GravityLoad, mass_at
@@ -388,7 +387,7 @@ def test_law_of_one_size_with_a_wrong_sign_is_none_whatever_its_interval(plain, 
     width = {"width_rad": Interval(-1e-4, -1.9e-4, -1e-5)}
     springs = {f"r{axis}_rad_per_nm": Interval(3e-7, 2e-7, 4e-7) for axis in "xy"}
     springs["z_m_per_n"] = Interval(-3e-9, -5e-9, -1e-9)
-    told = _withheld(case, [play, foot], [width, springs], [1e4, 1e4], [1, 6])
+    told = refused_by_sizes(case, [play, foot], [width, springs], [1e4, 1e4], [1, 6])
     assert [(d.candidate, d.gate) for d in told] == [(play.name, "physical")]
 
 
@@ -403,7 +402,7 @@ def test_law_of_one_size_a_little_beyond_its_far_limit_stands(
         "stiffness_ratio": Interval(10.5, 10.4, 10.6),
         "torque_nm": Interval(20.0, 19.0, 21.0),
     }
-    assert bool(_withheld(case, [gear], [own], [gain], [1])) == refused
+    assert bool(refused_by_sizes(case, [gear], [own], [gain], [1])) == refused
 
 
 def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
@@ -414,7 +413,7 @@ def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
         "bending_nm2": Interval(-1.9e8, -4e8, 2e7),
         "torsion_nm2": Interval(-1.7e4, -3e4, -4e3),
     }
-    told = _withheld(case, [link], [own], [1e4], [2])
+    told = refused_by_sizes(case, [link], [own], [1e4], [2])
     assert [d.gate for d in told] == ["magnitude"]
 
 
