@@ -337,10 +337,14 @@ def _selected_under(
     selected = from_rivals(search, selected, len(own) + len(fine))
     terms = fit_shapes(case, one_each(search, selected.groups))
     terms, searched = with_generic_terms(case, terms, fine, refused)
-    moved = before is not None and {term.name for term in terms} != before.fit.names
-    if moved and not any(term.is_generic for term in terms):
+    names = {term.name for term in terms}
+    moved = before is not None and names != before.fit.names
+    if before is not None and moved and not any(term.is_generic for term in terms):
         point = layout.fitted_jointly(case, fit_model(case, terms))
-        case, terms = layout.at(point), point.fit.members
+        if before.over(point, case.poses) > SURE:
+            terms = before.fit.members
+        else:
+            case, terms = layout.at(point), point.fit.members
     model = _judged(case, terms, fine, [*selected.decisions, *searched])
     acting = frozenset[Name]() if case.named is None else loads_of(case, case.named)
     held = acting <= model.fit.names
@@ -348,6 +352,9 @@ def _selected_under(
         return model
     point = layout.fitted_jointly(case, model.fit)
     left = unexplained(model.case, model.fit)
+    if case.named is not None and point.square - left > CLEAR:
+        lost = [m for m in case.named.members if m.name in acting - names]
+        point = _with_loads_put_back(layout, case, point, lost)
     if before is not None and before.over(point, case.poses) > SURE:
         back = _judged(case, before.fit.members, fine, model.decisions)
         if back.fit.names <= before.fit.names:
@@ -365,6 +372,35 @@ def _selected_under(
     best, beaten = (model, other) if kept else (other, model)
     decisions = last_of_each([*beaten.decisions, *best.decisions])
     return replace(best, decisions=decisions)
+
+
+def _with_loads_put_back(
+    layout: Layout,
+    case: SelectionProblem,
+    point: OperatingPoint,
+    lost: Sequence[ModelTerm],
+) -> OperatingPoint:
+    """Return a set with loads that columns were laid out under, if surely worth more.
+
+    A term may have taken what a load displaces while others still felt its torque.
+
+    Args:
+        layout: How columns are laid out.
+        case: As laid out under the loads.
+        point: The set, fitted in columns of its own.
+        lost: The loads that were not selected.
+    """
+    if not lost:
+        return point
+    own = point.fit.members
+    whole = layout.fitted_jointly(case, fit_model(case, [*own, *lost]))
+    if whole.over(point, case.poses) <= SURE:
+        return point
+    for term in (t for t in own if t.where in {m.where for m in lost}):
+        rest = [m for m in whole.fit.members if m.name != term.name]
+        less = layout.fitted_jointly(case, fit_model(case, rest))
+        whole = less if less.over(whole, case.poses) > 0.0 else whole
+    return whole
 
 
 def _better_without_generic_terms(

@@ -32,7 +32,12 @@ from stiffness.diagnosis.relinearisation import (
     total_softening,
 )
 from stiffness.diagnosis.search import Search
-from stiffness.diagnosis.selection import _exchange_step, _imitators, _selected_under
+from stiffness.diagnosis.selection import (
+    _exchange_step,
+    _imitators,
+    _selected_under,
+    _with_loads_put_back,
+)
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     normal_equations_of,
@@ -52,6 +57,7 @@ from stiffness.effects.jacobian import (
     MarkerDisplacement,
     mixture,
 )
+from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.statics import given_way
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
@@ -389,6 +395,29 @@ def test_a_compensator_and_a_gear_that_hardens_are_named_at_one_axis():
     found = diagnose(seen, arm())
     names = {(n.name.effect, n.name.where) for n in found.named}
     assert names == {("gravity_compensator", "a3"), ("hardening", "a3")}
+
+
+def test_a_load_comes_back_where_a_wave_took_what_it_displaces_under_its_torque():
+    """While the play still feels it; in columns of its own the wave does less."""
+    some = (LostMotion(), GravityCompensator(), TransmissionError())
+    ready = prepared(
+        "gravity_compensator@a3,torque_nm=14,phase_rad=1.89",
+        "lost_motion@a3,width_rad=2.4e-4",
+    )
+    layout, case = Layout(ready, some), build_problem(ready, some)
+    play, load, wave = (
+        ModelTerm(law, "a3", np.array(shape))
+        for law, shape in zip(some, ([0.3], [], [1.0]), strict=True)
+    )
+    both = layout.fitted_jointly(case, fit_model(case, [play, load]))
+    under = layout.at(both)
+    fit = fit_model(under, [play, wave])
+    misled = layout.fitted_jointly(under, fit)
+    assert unexplained(under, fit) < both.square + 10.0
+    assert misled.square > both.square + 1000.0
+    back = _with_loads_put_back(layout, under, misled, [load])
+    assert {m.name for m in back.fit.members} == {play.name, load.name}
+    assert abs(back.over(both, case.poses)) < 1.0
 
 
 def test_columns_may_be_laid_out_under_a_term_without_a_name_that_has_others_there():
