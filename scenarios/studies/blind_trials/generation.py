@@ -69,6 +69,7 @@ from scenarios.studies.blind_trials.oracle import (
     displaced,
     explained,
     log_bayes_factor,
+    prepared_with,
 )
 from scenarios.studies.blind_trials.strata import (
     BY_SHARE,
@@ -88,6 +89,7 @@ from scenarios.studies.damage import (
     with_axis_mistaken,
     with_outliers,
 )
+from stiffness.diagnosis.nominal_fit import Prepared
 
 # --- Instruments ----------------------------------------------------------------------
 
@@ -241,14 +243,13 @@ class Bench:
         """Return a recording of the arm with effects, by error-free instruments."""
         return self.seen(effects, error_free_instruments(self.trial.instruments))
 
-    def displaced_by_places(
-        self, effects: Sequence[Effect], recording: Recording
+    def place_chi2(
+        self, effects: Sequence[Effect], prepared: Prepared
     ) -> dict[str, float]:
         """Return χ² of what the effects at each place together displace, simulated."""
         places = dict.fromkeys(effect.where for effect in effects)
         parts = {w: tuple(e for e in effects if e.where == w) for w in places}
-        quiet = {where: self.quiet(some) for where, some in parts.items()}
-        return displaced(recording, quiet, Path(self.rig.arm_file))
+        return displaced(prepared, {w: self.quiet(some) for w, some in parts.items()})
 
     def weighing(self) -> Callable[[Effect], Visibility]:
         """Return a function that simulates an effect alone and weighs it."""
@@ -328,10 +329,11 @@ def whole_arm(
     clean = bench.quiet(effects)
     if trial.stratum.known:
         recording = bench.seen(effects, trial.instruments)
-        oracle = arm_oracle(recording, clean, model, effects)
+        prepared = prepared_with(model, recording)
+        oracle = arm_oracle(prepared, clean, effects)
         return effects, recording, {
             "own_chi2": oracle.own,
-            "place_chi2": bench.displaced_by_places(effects, recording),
+            "place_chi2": bench.place_chi2(effects, prepared),
             "oracle_share": oracle.share,
         }  # fmt: skip
     key = (*trial.chance.spawn_key, 1, attempt)
@@ -354,13 +356,14 @@ def whole_arm(
         except BenchError as error:
             fault = str(error).partition("\n")[0]
             continue
-        oracle = arm_oracle(recording, quiet, model, effects)
-        without = without or arm_oracle(recording, clean, model, effects)
+        prepared = prepared_with(model, recording)
+        oracle = arm_oracle(prepared, quiet, effects)
+        without = without or arm_oracle(prepared, clean, effects)
         left = oracle.residual - without.residual
         if left >= LEAST_LEFT:
             return every, recording, {
                 "own_chi2": (*without.own, left),
-                "place_chi2": bench.displaced_by_places(every, recording),
+                "place_chi2": bench.place_chi2(every, prepared),
                 "oracle_share": oracle.share,
                 "outside": {"where": unknown.where, "chi2": weight.chi2, "left": left},
             }  # fmt: skip

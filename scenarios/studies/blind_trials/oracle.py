@@ -314,8 +314,8 @@ SPAN = 4.0
 
 def explained(recording: Recording, model: Path, without: Sequence[str]) -> float:
     """Return the χ² that the best set of up to three names of the library explains."""
-    arm = arm_of(model).for_recording(recording)
-    case = build_problem(_returning(prepare(recording, arm)), library(without))
+    prepared = prepared_with(model, recording)
+    case = build_problem(_returning(prepared), library(without))
     white = whiten_candidates(case.library, case.normal_equations)
     sets = rank_models(case.library, white, len(np.unique(recording.posture_id)))
     size = np.array([len(members) for members in sets.models])
@@ -442,15 +442,18 @@ class ArmOracle:
     residual: float
 
 
+def prepared_with(model: Path, recording: Recording) -> Prepared:
+    """Return a recording against a nominal model."""
+    return prepare(recording, arm_of(model).for_recording(recording))
+
+
 def arm_oracle(
-    recording: Recording, quiet: Recording, model: Path, effects: Sequence[Effect]
+    prepared: Prepared, quiet: Recording, effects: Sequence[Effect]
 ) -> ArmOracle:
     """Return what can be known of a whole arm.
 
     The quiet recording is of the same arm and plan by instruments without errors.
     """
-    arm = arm_of(model).for_recording(recording)
-    prepared = prepare(recording, arm)
     choices = [true_terms(effect, prepared.situation) for effect in effects]
     known = [own for own in choices if own]
     share = explained_share(linear_model_of(prepared, known, with_shapes=True))
@@ -461,20 +464,16 @@ def arm_oracle(
     return ArmOracle(own, share, lost.residual)
 
 
-def displaced(
-    recording: Recording, quiet: Mapping[str, Recording], model: Path
-) -> dict[str, float]:
+def displaced(prepared: Prepared, quiet: Mapping[str, Recording]) -> dict[str, float]:
     """Return χ² of what arms with a part of the effects each displace.
 
     It is what springs, frame and marks, fitted anew, leave of readings by instruments
     without errors, with the weights of the recording: no law is used.
 
     Args:
-        recording: Of the whole arm.
+        prepared: The recording of the whole arm.
         quiet: Of arms with a part of its effects, same plan, by name of the part.
-        model: The nominal model.
     """
-    prepared = prepare(recording, arm_of(model).for_recording(recording))
     clean = {part: noise_free(prepared, seen) for part, seen in quiet.items()}
     fits = {part: linear_model_of(one, [], False) for part, one in clean.items()}
     return {part: losses_of(fit).residual for part, fit in fits.items()}
@@ -489,8 +488,7 @@ def log_bayes_factor(
     sizes and shapes, so that nothing else counts. The quiet recording is of the same
     arm and plan by instruments without errors.
     """
-    arm = arm_of(model).for_recording(recording)
-    clean = noise_free(prepare(recording, arm), quiet)
+    clean = noise_free(prepared_with(model, recording), quiet)
     left = []
     for one in (effect, replace(effect, where=twin)):
         terms = true_terms(one, clean.situation)

@@ -46,6 +46,7 @@ from scenarios.studies.blind_trials.oracle import (
     arm_oracle,
     displaced,
     log_bayes_factor,
+    prepared_with,
 )
 from scenarios.studies.blind_trials.rates import (
     ARM_BARS,
@@ -177,7 +178,7 @@ def test_own_chi2_of_an_effect_alone_is_its_visibility(kr10, recorded: Recorder)
     """The visibility is computed from simulated displacements, without any law."""
     effect = BearingTilt("a2", 2e-6, 1e-6)
     recording, quiet = recorded(effect)
-    oracle = arm_oracle(recording, quiet, kr10, [effect])
+    oracle = arm_oracle(prepared_with(kr10, recording), quiet, [effect])
     scale = scale_of(Rig(kr10), recorded()[1], (1e-5,) * 3, known_frame=False)
     seen = scale.visibility(quiet).whole
     assert oracle.own[0] == pytest.approx(seen, rel=0.05)
@@ -189,7 +190,8 @@ def test_own_chi2_is_small_where_others_take_the_place_of_an_effect(
 ):
     """A zero of the first axis looks like the tracker's unknown frame."""
     effects = [EncoderOffset("a1", 5e-4), Hysteresis("a2", 2e-4)]
-    oracle = arm_oracle(*recorded(*effects), kr10, effects)
+    recording, quiet = recorded(*effects)
+    oracle = arm_oracle(prepared_with(kr10, recording), quiet, effects)
     assert oracle.own[0] < 1.0
     assert oracle.own[1] > 1000.0
 
@@ -199,9 +201,10 @@ def test_effects_of_one_place_are_lost_together_though_each_takes_the_others_par
 ):
     effects = [Hysteresis("a2", 2e-4), Creep("a2", 0.05, 120.0)]
     recording, quiet = recorded(*effects)
-    own = arm_oracle(recording, quiet, kr10, effects).own
+    prepared = prepared_with(kr10, recording)
+    own = arm_oracle(prepared, quiet, effects).own
     parts = {"both": quiet, "loop": recorded(effects[0])[1], "none": recorded()[1]}
-    found = displaced(recording, parts, kr10)
+    found = displaced(prepared, parts)
     assert found["both"] > 1.2 * sum(own)
     assert found["both"] > found["loop"] > own[0]
     assert abs(found["none"]) < 1e-3 * found["both"]
@@ -238,9 +241,10 @@ def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(
 
 def test_true_names_leave_what_a_mechanism_outside_does(kr10, recorded: Recorder):
     effects = (Hysteresis("a2", 2e-4),)
-    alone = arm_oracle(*recorded(*effects), kr10, effects)
-    loose = Softening("a3", ratio=0.7)
-    outside = arm_oracle(*recorded(*effects, loose), kr10, effects)
+    recording, quiet = recorded(*effects)
+    alone = arm_oracle(prepared_with(kr10, recording), quiet, effects)
+    recording, quiet = recorded(*effects, Softening("a3", ratio=0.7))
+    outside = arm_oracle(prepared_with(kr10, recording), quiet, effects)
     assert outside.residual > alone.residual + 1000.0
     assert outside.share < alone.share - 0.1
 
@@ -250,7 +254,7 @@ def test_mechanism_is_drawn_again_until_the_names_leave_enough_of_it(
 ):
     left = iter([0.0, LEAST_LEFT / 2, 0.0, LEAST_LEFT])  # alone, tried, alone, tried
 
-    def oracle(recording, quiet, model, effects):
+    def oracle(prepared, quiet, effects):
         return ArmOracle(tuple(1.0 for _ in effects), 0.9, next(left))
 
     monkeypatch.setattr(generation, "arm_oracle", oracle)
