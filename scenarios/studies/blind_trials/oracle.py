@@ -25,7 +25,7 @@ Ignores     that laws of the library are not those of the simulator: what they l
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -526,10 +526,14 @@ def true_terms(effect: Effect, situation: StaticState) -> list[ModelTerm]:
     """Return the library's laws of an effect at its place, at all shapes it may have.
 
     Shapes that the effect states are at its values, all others on the library's grid.
+    A form with a parameter that the effect does not have is not its law.
     """
     stated, found = effect.parameters(), []
+    forms = {f.name for f in fields(effect) if f.metadata.get("optional")}
     for law in (h for h in HYPOTHESES if h.effect == effect.name):
         if effect.where not in law.places(situation):
+            continue
+        if law.limits.keys() & (forms - stated.keys()):
             continue
         grid = law.shapes(situation, effect.where).copy()
         for j, name in enumerate(law.shape_names[: grid.shape[1]]):

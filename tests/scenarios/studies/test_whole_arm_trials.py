@@ -47,6 +47,7 @@ from scenarios.studies.blind_trials.oracle import (
     displaced,
     log_bayes_factor,
     prepared_with,
+    true_terms,
 )
 from scenarios.studies.blind_trials.rates import (
     ARM_BARS,
@@ -194,6 +195,18 @@ def test_own_chi2_is_small_where_others_take_the_place_of_an_effect(
     oracle = arm_oracle(prepared_with(kr10, recording), quiet, effects)
     assert oracle.own[0] < 1.0
     assert oracle.own[1] > 1000.0
+
+
+@pytest.mark.parametrize(
+    ("coupling", "columns"), [(0.0, {2}), (5e-7, {2, 3})], ids=["aligned", "askew"]
+)
+def test_law_of_a_true_effect_has_no_size_that_the_effect_has_not(
+    kr10, recorded: Recorder, coupling, columns
+):
+    recording, _ = recorded()
+    here = prepared_with(kr10, recording).situation
+    terms = true_terms(BearingTilt("a2", 2e-6, 1e-6, uv_rad_per_nm=coupling), here)
+    assert {term.jacobian(here).columns for term in terms} == columns
 
 
 def test_effects_of_one_place_are_lost_together_though_each_takes_the_others_part(
