@@ -29,7 +29,6 @@ from stiffness.diagnosis.model_fit import (
     FeltByOthers,
     FreeShape,
     ModelFit,
-    ModelTerm,
     SelectionProblem,
     bounds_of,
     fit_model,
@@ -43,7 +42,7 @@ from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
     TINY,
     build_problem,
-    changes_torques,
+    is_load_of_one_axis,
     laid_out_softer,
     moved_under,
     nominal_problem,
@@ -416,12 +415,6 @@ class _JointFit:
         steps = [*situation.compliance[springs], *whole]
         of_shapes = [STEP * shape.spacing for shape in self.shapes]
         return np.array([*(SMALL * max(step, TINY**2) for step in steps), *of_shapes])
-
-
-def is_load_of_one_axis(situation: StaticState, term: ModelTerm) -> bool:
-    """Return whether a term changes the torque of one axis: a compensator."""
-    parts = term.jacobian(situation).parts
-    return len(parts) == 1 and changes_torques(situation, term)
 
 
 def nameless_columns(

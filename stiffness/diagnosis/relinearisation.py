@@ -388,6 +388,12 @@ def changes_torques(situation: StaticState, term: ModelTerm) -> bool:
     return _acting(situation, term, size).torque is not situation.torque
 
 
+def is_load_of_one_axis(situation: StaticState, term: ModelTerm) -> bool:
+    """Return whether a term changes the torque of one axis: a compensator."""
+    parts = term.jacobian(situation).parts
+    return len(parts) == 1 and changes_torques(situation, term)
+
+
 def _change_by(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
     """Return the largest share by which a set changes springs, slopes or loads."""
     own = list(case.springs)

@@ -33,6 +33,7 @@ from stiffness.diagnosis.model_fit import (
     fit_shapes,
     tried,
 )
+from stiffness.diagnosis.relinearisation import is_load_of_one_axis
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.regression.group_selection import (
@@ -455,6 +456,47 @@ def beyond_present_names(terms: Sequence[ModelTerm]) -> tuple[ModelTerm, ...]:
         replace(term, beyond=tuple(own[n] for n in names if n in own))
         for term, names in zip(terms, sites, strict=True)
     )
+
+
+MOST_LAWS = 2
+"""Laws of a gear that are tried with a load of it in the place of what has no name
+there; chosen for time."""
+
+
+def is_of_a_gear(term: ModelTerm) -> bool:
+    """Return whether a term has no name and depends on the torque of an axis."""
+    return term.is_generic and "torque" in term.depends_on
+
+
+def loads_with_laws(
+    case: SelectionProblem, rest: Sequence[ModelTerm], where: str
+) -> list[tuple[ModelTerm, ModelTerm]]:
+    """Return a load of an axis with each of the laws of its gear that do most beside.
+
+    Neither does much alone where the law feels the load; with the wrong sign, too.
+
+    Args:
+        case: What may be looked at.
+        rest: The set without what they are to replace.
+        where: The axis.
+    """
+    here, names = case.situation, {m.name for m in rest}
+    search = Search.of(case, rest)
+    own = [t for t in search.terms if t.where == where and not t.is_generic]
+    loads = [t for t in own if is_load_of_one_axis(here, t)]
+    if not loads or any(load.name in names for load in loads):
+        return []
+    load = min(loads, key=lambda t: len(t.shape))
+    search = Search.of(case, [*rest, load])
+    gains = gains_beside(search.problem, range(len(rest) + 1))
+    laws = dict[Name, tuple[float, ModelTerm]]()
+    for gain, term in zip(gains, search.terms, strict=True):
+        felt = term.where == where and "torque" in term.depends_on
+        if felt and term.name not in {*names, load.name} and not term.is_generic:
+            if gain > laws.get(term.name, (0.0,))[0]:
+                laws[term.name] = float(gain), term
+    first = sorted(laws.values(), key=lambda law: -law[0])[:MOST_LAWS]
+    return [(load, law) for _, law in first]
 
 
 def _site(term: ModelTerm) -> str:

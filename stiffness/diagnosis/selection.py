@@ -34,13 +34,12 @@ from stiffness.diagnosis.gate import (
 from stiffness.diagnosis.joint_fit import (
     Layout,
     OperatingPoint,
-    is_load_of_one_axis,
     unexplained,
+    worth_of,
 )
 from stiffness.diagnosis.model_evaluation import (
-    ModelEvaluation,
     dispersion_of,
-    evaluate_model,
+    evaluate_consistently,
     parameters_of,
 )
 from stiffness.diagnosis.model_fit import (
@@ -54,6 +53,7 @@ from stiffness.diagnosis.relinearisation import (
     acts_on_others,
     changes,
     changes_torques,
+    is_load_of_one_axis,
     loads_of,
 )
 from stiffness.diagnosis.search import (
@@ -64,6 +64,8 @@ from stiffness.diagnosis.search import (
     first_search,
     from_rivals,
     generic_term,
+    is_of_a_gear,
+    loads_with_laws,
     of_the_same_kinds,
     one_each,
     with_generic_terms,
@@ -213,7 +215,29 @@ def with_exchanges(model: SelectedModel, layout: Layout) -> SelectedModel:
     if tried.loaded is not None and model.unexplained_square > CLEAR:
         whole, own = replace(layout, whole_loads=True), tried.loaded.fit.members
         model = _better(model, _searched_on(whole, tried.loaded, own))
+    model = _without_needless_terms(layout, model)
     return replace(model, exchange_losses=tried.losses)
+
+
+def _without_needless_terms(layout: Layout, model: SelectedModel) -> SelectedModel:
+    """Search again without a term of no name, where names of its gear do better so.
+
+    It takes what a law of its gear leaves at a wrong shape, and holds it there.
+    """
+    case, members = model.case, model.fit.members
+    worth = worth_of(model.fit, unexplained(case, model.fit), case.poses)
+    loads = case.felt is not None and bool(case.felt.loads)
+    layout = replace(layout, whole_loads=loads)
+    for term in members:
+        rest = beyond_present_names([m for m in members if m.name != term.name])
+        names = (m for m in rest if m.where == term.where and not m.is_generic)
+        if not is_of_a_gear(term) or not any("torque" in m.depends_on for m in names):
+            continue
+        point = layout.fitted_jointly(case, fit_model(case, rest))
+        if point.worth(case.poses) > worth + SURE:
+            other = _searched_on(layout, point, point.fit.members, [term.name])
+            return _better(model, other)
+    return model
 
 
 def _better(model: SelectedModel, other: SelectedModel) -> SelectedModel:
@@ -240,10 +264,16 @@ class _ExchangeStep:
 
 
 def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
-    """Put loads in the place of terms that all do as well with; of loads, terms."""
+    """Put loads in the place of terms that all do as well with; of loads, terms.
+
+    Where much stays open, a load and a law of its gear in the place of what has no name
+    there, too.
+    """
     case, best, less = model.case, None, dict[Pair, float]()
     members, tried = model.fit.members, _imitators(model)
-    if not tried:
+    much = model.unexplained_square > CLEAR
+    unknown = [m for m in members if much and is_of_a_gear(m)]
+    if not tried and not unknown:
         return _ExchangeStep(best, less)
     point = layout.fitted_jointly(case, model.fit)
     most, fitted = point.worth(case.poses), [point]
@@ -259,6 +289,11 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
         less |= {(name, other.name): most - found, (other.name, name): found - most}
         if found > most + (-SURE if acts_on_others(case.situation, other) else SURE):
             best, members, most = point, point.fit.members, found
+    for term in unknown:
+        rest = [m for m in members if m.name != term.name]
+        for pair in loads_with_laws(case, rest, term.where):
+            some = beyond_present_names([*rest, *pair])
+            fitted.append(layout.fitted_jointly(case, fit_model(case, some)))
     here = case.situation
     loaded = (
         p for p in fitted if any(is_load_of_one_axis(here, m) for m in p.fit.members)
@@ -359,7 +394,7 @@ def _selected_under(
         back = _judged(case, before.fit.members, fine, model.decisions)
         if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
-    changed = before is None or model.fit.names != before.fit.names
+    changed = before is None or point.fit.names != before.fit.names
     misled, start = left - point.square > max(MISLED * left, CLEAR), point
     if again == AGAIN and misled:
         start = _better_without_generic_terms(layout, point, refused)
@@ -483,7 +518,7 @@ def _judged(
             terms = tuple(t for t in terms if t.name != slightest.candidate)
             continue
         beside = of_the_same_kinds(case, terms, refused)
-        look = _evaluated(case, terms, beside)
+        look = evaluate_consistently(case, terms, beside)
         parameters = parameters_of(*here, look.selected_alone, case.split)
         gains = drop_one_gains(statistics, terms)
         columns = [len(own) for own in look.fit.coefficients]
@@ -552,24 +587,3 @@ def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Dec
         return wrong
     reason = f"beside it {wrong.candidate[0]} there would be physically impossible"
     return replace(wrong, candidate=least, reason=reason, parameters={})
-
-
-DISPERSED = 1.5
-"""Dispersion of poses from which a set is looked at without what it makes its own laws
-feel, too; chosen: above what few poses leave by chance."""
-
-
-def _evaluated(
-    case: SelectionProblem, terms: Sequence[ModelTerm], beside: Sequence[ModelTerm]
-) -> ModelEvaluation:
-    """Evaluate a set, with what it makes its own laws feel where poses agree with that.
-
-    What a little more of a torque changes of a play is linear over less than what
-    closes it, and the few poses there hold whatever the play's law is wrong by.
-    """
-    look = evaluate_model(case, terms, beside)
-    found = dispersion_of(case, look)
-    if case.felt is None or found < DISPERSED:
-        return look
-    less = evaluate_model(replace(case, felt=None), terms, beside)
-    return less if dispersion_of(case, less) < found else look

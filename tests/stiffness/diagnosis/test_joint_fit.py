@@ -15,7 +15,7 @@ from stiffness.diagnosis.joint_fit import (
     nameless_columns,
     worth_of,
 )
-from stiffness.diagnosis.model_evaluation import evaluate_model
+from stiffness.diagnosis.model_evaluation import evaluate_consistently, evaluate_model
 from stiffness.diagnosis.model_fit import (
     FeltByOthers,
     ModelTerm,
@@ -29,7 +29,6 @@ from stiffness.diagnosis.relinearisation import (
     nominal_problem,
     total_softening,
 )
-from stiffness.diagnosis.selection import _evaluated
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
@@ -193,7 +192,7 @@ def test_what_laws_feel_is_left_out_where_poses_contradict_it():
     wrong = replace(case, felt=replace(case.felt, laws=laws))
     bare = evaluate_model(replace(case, felt=None), members)
     for asked, want in ((case, evaluate_model(case, members)), (wrong, bare)):
-        found = _evaluated(asked, members, ()).fit
+        found = evaluate_consistently(asked, members, ()).fit
         for one, other in zip(found.coefficients, want.fit.coefficients, strict=True):
             assert_allclose(one, other, rtol=1e-12)
 

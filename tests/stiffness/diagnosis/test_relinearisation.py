@@ -31,12 +31,14 @@ from stiffness.diagnosis.relinearisation import (
     prepared_about,
     total_softening,
 )
-from stiffness.diagnosis.search import Search
+from stiffness.diagnosis.search import Search, generic_term
 from stiffness.diagnosis.selection import (
     _exchange_step,
     _imitators,
+    _judged,
     _selected_under,
     _with_loads_put_back,
+    _without_needless_terms,
 )
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
@@ -418,6 +420,46 @@ def test_a_load_comes_back_where_a_wave_took_what_it_displaces_under_its_torque(
     back = _with_loads_put_back(layout, under, misled, [load])
     assert {m.name for m in back.fit.members} == {play.name, load.name}
     assert abs(back.over(both, case.poses)) < 1.0
+
+
+def of_torque(case, where: str) -> ModelTerm:
+    """Return the generic term of an axis that depends on its torque."""
+    blocks = case.library.map.blocks
+    (block,) = (b for b in blocks if (b.kind, b.where) == ("torque", where))
+    return generic_term(block)
+
+
+def test_a_load_comes_with_the_law_that_feels_it_where_a_gear_has_no_name(monkeypatch):
+    """Alone neither does much: the law has the wrong sign without the load's torque."""
+    some = (LostMotion(), Hardening(), GravityCompensator(), TransmissionError())
+    ready = prepared(
+        "gravity_compensator@a3,torque_nm=20,phase_rad=-0.2",
+        "hardening@a3,stiffness_ratio=1.6,torque_nm=15",
+    )
+    layout, case = Layout(ready, some), build_problem(ready, some)
+    wave = ModelTerm(some[3], "a3", np.array([1.0]))
+    model = _judged(case, (wave, of_torque(case, "a3")), (), ())
+    monkeypatch.setattr(selection, "_imitators", lambda model: {})
+    loaded = _exchange_step(layout, replace(model, share=0.5)).loaded
+    assert loaded is not None
+    laws = {("gravity_compensator", "a3"), ("hardening", "a3")}
+    assert laws <= loaded.fit.names <= {*laws, wave.name}
+    assert loaded.worth(case.poses) > -0.5 * unexplained(case, model.fit)
+    assert _exchange_step(layout, replace(model, share=1.0)).loaded is None
+
+
+def test_what_a_play_leaves_at_a_wrong_shape_goes_where_the_play_does_better_alone():
+    some = (LostMotion(),)
+    ready = prepared("lost_motion@a3,width_rad=2.4e-4")
+    layout, case = Layout(ready, some), build_problem(ready, some)
+    play = ModelTerm(some[0], "a3", np.array([3.0]))
+    model = _judged(case, (play,), (), ())
+    both = replace(model, fit=fit_model(case, [play, of_torque(case, "a3")]))
+    alone = _without_needless_terms(layout, both)
+    (found,) = alone.fit.members
+    assert found.name == play.name
+    assert 0.1 < found.shape[0] < 0.5
+    assert unexplained(alone.case, alone.fit) < 0.0
 
 
 def test_columns_may_be_laid_out_under_a_term_without_a_name_that_has_others_there():
