@@ -481,8 +481,7 @@ def loads_with_laws(
         where: The axis.
     """
     here, names = case.situation, {m.name for m in rest}
-    search = Search.of(case, rest)
-    own = [t for t in search.terms if t.where == where and not t.is_generic]
+    own = [term for term, _ in _terms_of(case.library) if term.where == where]
     loads = [t for t in own if is_load_of_one_axis(here, t)]
     if not loads or any(load.name in names for load in loads):
         return []
