@@ -198,7 +198,8 @@ def with_exchanges(model: SelectedModel, layout: Layout) -> SelectedModel:
     The search runs again under loads in the place of terms that all others do as well
     with, or terms in the place of loads that they do better with; where much stays open
     once more from the best set with a load of one axis, which counts with what more of
-    it changes of the others. What surely predicts poses left out better is kept.
+    it changes of the others. At last a term of no name goes where the names of its gear
+    do better without it. What surely predicts poses left out better is kept.
 
     Args:
         model: The set.
