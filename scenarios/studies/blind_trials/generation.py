@@ -69,6 +69,7 @@ from scenarios.studies.blind_trials.oracle import (
     displaced,
     explained,
     log_bayes_factor,
+    oracle_share,
     prepared_with,
 )
 from scenarios.studies.blind_trials.strata import (
@@ -334,7 +335,7 @@ def whole_arm(
         return effects, recording, {
             "own_chi2": oracle.own,
             "place_chi2": bench.place_chi2(effects, prepared),
-            "oracle_share": oracle.share,
+            "oracle_share": oracle_share(prepared, effects),
         }  # fmt: skip
     key = (*trial.chance.spawn_key, 1, attempt)
     more = np.random.SeedSequence(trial.chance.entropy, spawn_key=key)
@@ -364,7 +365,7 @@ def whole_arm(
             return every, recording, {
                 "own_chi2": (*without.own, left),
                 "place_chi2": bench.place_chi2(every, prepared),
-                "oracle_share": oracle.share,
+                "oracle_share": oracle_share(prepared, effects),
                 "outside": {"where": unknown.where, "chi2": weight.chi2, "left": left},
             }  # fmt: skip
         fault = f"The names explain {unknown.name} at {unknown.where}."

@@ -25,7 +25,11 @@ from scenarios.pipelines.diagnosis import answer_of, proved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.schema import text_of
 from scenarios.report.command_line import run
-from scenarios.studies.blind_trials.linear_model import explained_share, linear_model_of
+from scenarios.studies.blind_trials.linear_model import (
+    explained_share,
+    linear_model_of,
+    with_its_columns,
+)
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare
@@ -115,7 +119,8 @@ def linear_share_of(found: Diagnosis, recording: Recording, arm: Arm) -> float:
         choices.append([ModelTerm(law, one.name.where, shape) for law in laws])
     arm = arm.for_recording(recording)
     prepared = prepare(average_encoders(recording), arm)
-    return explained_share(linear_model_of(prepared, choices, with_shapes=False))
+    model = linear_model_of(prepared, choices, with_shapes=False)
+    return explained_share(with_its_columns(prepared, model))
 
 
 if __name__ == "__main__":

@@ -45,6 +45,7 @@ from scenarios.studies.blind_trials.linear_model import (
     explained_share,
     linear_model_of,
     losses_of,
+    with_its_columns,
 )
 from scenarios.studies.blind_trials.strata import LIBRARY
 from scenarios.studies.blind_trials.visibility import Visibility
@@ -429,16 +430,14 @@ def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
 
 @dataclass(frozen=True)
 class ArmOracle:
-    """What can be known of the effects of a whole arm.
+    """What noise-free readings say of the effects of a whole arm.
 
     Attributes:
         own: χ² of each effect on its own; 0 where the library has no law at its place.
-        share: Of the mismatch on poses kept back that the true names explain.
         residual: χ² of noise-free readings that the true names do not explain.
     """
 
     own: tuple[float, ...]
-    share: float
     residual: float
 
 
@@ -456,12 +455,19 @@ def arm_oracle(
     """
     choices = [true_terms(effect, prepared.situation) for effect in effects]
     known = [own for own in choices if own]
-    share = explained_share(linear_model_of(prepared, known, with_shapes=True))
     clean = linear_model_of(noise_free(prepared, quiet), known, with_shapes=True)
     lost = losses_of(clean)
     each = iter(lost.names)
     own = tuple(float(next(each)) if choice else 0.0 for choice in choices)
-    return ArmOracle(own, share, lost.residual)
+    return ArmOracle(own, lost.residual)
+
+
+def oracle_share(prepared: Prepared, effects: Sequence[Effect]) -> float:
+    """Return the share of the mismatch on poses kept back that true names explain."""
+    choices = [true_terms(effect, prepared.situation) for effect in effects]
+    known = [own for own in choices if own]
+    model = linear_model_of(prepared, known, with_shapes=True)
+    return explained_share(with_its_columns(prepared, model))
 
 
 def displaced(prepared: Prepared, quiet: Mapping[str, Recording]) -> dict[str, float]:

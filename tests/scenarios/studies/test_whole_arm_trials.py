@@ -14,6 +14,8 @@ from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.creep import Creep
 from bench.effects.effect import Effect
 from bench.effects.encoder_offset import EncoderOffset
+from bench.effects.gravity_compensator import GravityCompensator
+from bench.effects.hardening import Hardening
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.out_of_library.softening import Softening
 from bench.experiment import record
@@ -40,12 +42,14 @@ from scenarios.studies.blind_trials.generation import (
     generate_trial,
     trial_of,
 )
+from scenarios.studies.blind_trials.linear_model import explained_share, linear_model_of
 from scenarios.studies.blind_trials.method_under_test import linear_share_of
 from scenarios.studies.blind_trials.oracle import (
     ArmOracle,
     arm_oracle,
     displaced,
     log_bayes_factor,
+    oracle_share,
     prepared_with,
     true_terms,
 )
@@ -179,11 +183,12 @@ def test_own_chi2_of_an_effect_alone_is_its_visibility(kr10, recorded: Recorder)
     """The visibility is computed from simulated displacements, without any law."""
     effect = BearingTilt("a2", 2e-6, 1e-6)
     recording, quiet = recorded(effect)
-    oracle = arm_oracle(prepared_with(kr10, recording), quiet, [effect])
+    prepared = prepared_with(kr10, recording)
+    oracle = arm_oracle(prepared, quiet, [effect])
     scale = scale_of(Rig(kr10), recorded()[1], (1e-5,) * 3, known_frame=False)
     seen = scale.visibility(quiet).whole
     assert oracle.own[0] == pytest.approx(seen, rel=0.05)
-    assert oracle.share > 0.9
+    assert oracle_share(prepared, [effect]) > 0.9
 
 
 def test_own_chi2_is_small_where_others_take_the_place_of_an_effect(
@@ -254,12 +259,30 @@ def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(
 
 def test_true_names_leave_what_a_mechanism_outside_does(kr10, recorded: Recorder):
     effects = (Hysteresis("a2", 2e-4),)
-    recording, quiet = recorded(*effects)
-    alone = arm_oracle(prepared_with(kr10, recording), quiet, effects)
-    recording, quiet = recorded(*effects, Softening("a3", ratio=0.7))
-    outside = arm_oracle(prepared_with(kr10, recording), quiet, effects)
-    assert outside.residual > alone.residual + 1000.0
-    assert outside.share < alone.share - 0.1
+    residuals, shares = [], []
+    for more in ((), (Softening("a3", ratio=0.7),)):
+        recording, quiet = recorded(*effects, *more)
+        prepared = prepared_with(kr10, recording)
+        residuals.append(arm_oracle(prepared, quiet, effects).residual)
+        shares.append(oracle_share(prepared, effects))
+    assert residuals[1] > residuals[0] + 1000.0
+    assert shares[1] < shares[0] - 0.1
+
+
+def test_share_of_true_names_counts_what_they_change_of_each_other(
+    kr10, recorded: Recorder
+):
+    """One layout of columns is too few for a compensator beside a gear that hardens."""
+    effects = (
+        GravityCompensator("a6", torque_nm=3.5, phase_rad=-2.6),
+        Hardening("a6", stiffness_ratio=1.7, torque_nm=1.8),
+    )
+    recording, _ = recorded(*effects)
+    prepared = prepared_with(kr10, recording)
+    choices = [true_terms(effect, prepared.situation) for effect in effects]
+    model = linear_model_of(prepared, choices, with_shapes=True)
+    assert explained_share(model) < oracle_share(prepared, effects) - 0.02
+    assert oracle_share(prepared, effects) > 0.97
 
 
 def test_mechanism_is_drawn_again_until_the_names_leave_enough_of_it(
@@ -268,7 +291,7 @@ def test_mechanism_is_drawn_again_until_the_names_leave_enough_of_it(
     left = iter([0.0, LEAST_LEFT / 2, 0.0, LEAST_LEFT])  # alone, tried, alone, tried
 
     def oracle(prepared, quiet, effects):
-        return ArmOracle(tuple(1.0 for _ in effects), 0.9, next(left))
+        return ArmOracle(tuple(1.0 for _ in effects), next(left))
 
     monkeypatch.setattr(generation, "arm_oracle", oracle)
     monkeypatch.setattr(generation, "FEWEST", 5.0)
