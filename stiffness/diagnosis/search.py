@@ -16,9 +16,10 @@ Ignores     sets that differ by two names at once from all that were tried
 from collections import Counter
 from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.detection import significant_blocks
@@ -180,15 +181,24 @@ def first_search(problem: GroupProblem) -> GroupSelection:
     best = select_groups(problem)
     if not 0 < len(best.groups) <= SMALL_SET:
         return best
-    single: dict[Name, tuple[float, int]] = {}
-    for k, gain in enumerate(gains_beside(problem, [])):
-        if gain > single.get(problem.groups[k].name, (0.0, 0))[0]:
-            single[problem.groups[k].name] = (float(gain), k)
-    starts = [k for _, k in sorted(single.values(), reverse=True)[1 : STARTS + 1]]
+    strongest = _best_of_names(problem, gains_beside(problem, []))
+    starts = strongest[1 : STARTS + 1]
     for k in starts:
         if k not in best.groups:
             best = _worth_more(best, select_groups(problem, [k]))
     return best
+
+
+def _best_of_names(
+    problem: GroupProblem, gains: Float[np.ndarray, " groups"]
+) -> list[int]:
+    """Return of each name the group that explains most, the strongest name first."""
+    best = dict[Name, tuple[float, int]]()
+    for k, gain in enumerate(gains):
+        name = problem.groups[k].name
+        if gain > best.get(name, (0.0, 0))[0]:
+            best[name] = float(gain), k
+    return [k for _, k in sorted(best.values(), reverse=True)]
 
 
 def _worth_more(one: GroupSelection, other: GroupSelection) -> GroupSelection:
@@ -213,11 +223,11 @@ def from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSel
     best = selected
     for name in held:
         rest = [k for k in groups if terms[k].name != name]
-        gains: dict[Name, tuple[float, int]] = {}
-        for k, gain in enumerate(gains_beside(problem, rest)[:fine]):
-            if terms[k].name not in held and gain > gains.get(terms[k].name, (0.0,))[0]:
-                gains[terms[k].name] = (float(gain), k)
-        for _, k in sorted(gains.values(), reverse=True)[:STARTS]:
+        gains = gains_beside(problem, rest)[:fine]
+        rivals = (
+            k for k in _best_of_names(problem, gains) if terms[k].name not in held
+        )
+        for k in islice(rivals, STARTS):
             best = _worth_more(best, select_groups(problem, [*rest, k]))
     return best
 
@@ -480,22 +490,22 @@ def loads_with_laws(
         rest: The set without what they are to replace.
         where: The axis.
     """
-    here, names = case.situation, {m.name for m in rest}
     own = [term for term, _ in _terms_of(case.library) if term.where == where]
-    loads = [t for t in own if is_load_of_one_axis(here, t)]
-    if not loads or any(load.name in names for load in loads):
+    loads = [t for t in own if is_load_of_one_axis(case.situation, t)]
+    if not loads or any(load.name == m.name for load in loads for m in rest):
         return []
     load = min(loads, key=lambda t: len(t.shape))
     search = Search.of(case, [*rest, load])
+    held = {m.name for m in (*rest, load)}
     gains = gains_beside(search.problem, range(len(rest) + 1))
-    laws = dict[Name, tuple[float, ModelTerm]]()
-    for gain, term in zip(gains, search.terms, strict=True):
-        felt = term.where == where and "torque" in term.depends_on
-        if felt and term.name not in {*names, load.name} and not term.is_generic:
-            if gain > laws.get(term.name, (0.0,))[0]:
-                laws[term.name] = float(gain), term
-    first = sorted(laws.values(), key=lambda law: -law[0])[:MOST_LAWS]
-    return [(load, law) for _, law in first]
+    every = (search.terms[k] for k in _best_of_names(search.problem, gains))
+    laws = [
+        term
+        for term in every
+        if term.where == where and "torque" in term.depends_on
+        if term.name not in held and not term.is_generic
+    ]
+    return [(load, law) for law in laws[:MOST_LAWS]]
 
 
 def _site(term: ModelTerm) -> str:

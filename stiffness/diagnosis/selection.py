@@ -229,10 +229,10 @@ def _without_needless_terms(layout: Layout, model: SelectedModel) -> SelectedMod
     worth = worth_of(model.fit, unexplained(case, model.fit), case.poses)
     loads = case.felt is not None and bool(case.felt.loads)
     layout = replace(layout, whole_loads=loads)
-    for term in members:
+    for term in (m for m in members if is_of_a_gear(m)):
         rest = beyond_present_names([m for m in members if m.name != term.name])
         names = (m for m in rest if m.where == term.where and not m.is_generic)
-        if not is_of_a_gear(term) or not any("torque" in m.depends_on for m in names):
+        if not any("torque" in m.depends_on for m in names):
             continue
         point = layout.fitted_jointly(case, fit_model(case, rest))
         if point.worth(case.poses) > worth + SURE:
@@ -374,8 +374,8 @@ def _selected_under(
     terms = fit_shapes(case, one_each(search, selected.groups))
     terms, searched = with_generic_terms(case, terms, fine, refused)
     names = {term.name for term in terms}
-    moved = before is not None and names != before.fit.names
-    if before is not None and moved and not any(term.is_generic for term in terms):
+    named = not any(term.is_generic for term in terms)
+    if before is not None and named and names != before.fit.names:
         point = layout.fitted_jointly(case, fit_model(case, terms))
         if before.over(point, case.poses) > SURE:
             terms = before.fit.members

@@ -88,8 +88,7 @@ def with_its_columns(prepared: Prepared, model: LinearModel) -> LinearModel:
     if not model.fit.members:
         return model
     point = Layout(prepared, ()).fitted_jointly(model.case, model.fit)
-    case = nominal_problem(prepared, point.softer, point.named)
-    return LinearModel(case, fit_model(case, point.fit.members))
+    return LinearModel(nominal_problem(prepared, point.softer, point.named), point.fit)
 
 
 def _chosen(case: SelectionProblem, choices: Sequence[Sequence[ModelTerm]]) -> ModelFit:

@@ -464,7 +464,7 @@ def arm_oracle(
 
 def oracle_share(prepared: Prepared, effects: Sequence[Effect]) -> float:
     """Return the share of the mismatch on poses kept back that true names explain."""
-    choices = [true_terms(effect, prepared.situation) for effect in effects]
+    choices = (true_terms(effect, prepared.situation) for effect in effects)
     known = [own for own in choices if own]
     model = linear_model_of(prepared, known, with_shapes=True)
     return explained_share(with_its_columns(prepared, model))
