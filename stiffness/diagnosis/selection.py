@@ -429,12 +429,14 @@ def _with_loads_put_back(
     if not lost:
         return point
     own = point.fit.members
-    whole = layout.fitted_jointly(case, fit_model(case, [*own, *lost]))
+    some = beyond_present_names([*own, *lost])
+    whole = layout.fitted_jointly(case, fit_model(case, some))
     if whole.over(point, case.poses) <= SURE:
         return point
     for term in (t for t in own if t.where in {m.where for m in lost}):
         rest = [m for m in whole.fit.members if m.name != term.name]
-        less = layout.fitted_jointly(case, fit_model(case, rest))
+        some = beyond_present_names(rest)
+        less = layout.fitted_jointly(case, fit_model(case, some))
         whole = less if less.over(whole, case.poses) > 0.0 else whole
     return whole
 
