@@ -1,0 +1,235 @@
+"""What imitates a name is tried in its place, and a load that was lost comes back."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.testing import assert_allclose
+from small_bench import arm, prepared, recording, select_model
+
+from stiffness.diagnosis import selection
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.joint_fit import Layout, unexplained
+from stiffness.diagnosis.model_fit import ModelTerm, fit_model
+from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.relinearisation import build_problem, total_softening
+from stiffness.diagnosis.search import Search, generic_term
+from stiffness.diagnosis.selection import (
+    _exchange_step,
+    _imitators,
+    _judged,
+    _selected_under,
+    _with_loads_put_back,
+    _without_needless_terms,
+)
+from stiffness.effects.gravity_compensator import GravityCompensator
+from stiffness.effects.gravity_load import GravityLoad
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.transmission_error import TransmissionError
+from stiffness.regression.group_selection import select_groups
+from stiffness.regression.group_sets import FactorisedSet
+
+NONE = np.zeros(0)
+
+
+def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():
+    """A wave of the gear turns its axis as a compensator, which also winds others."""
+    seen = recording("gravity_compensator@a1,torque_nm=40,phase_rad=0.5", poses=20)
+    some = (TransmissionError(), GravityCompensator())
+    prepared = prepare(seen, arm().for_recording(seen))
+    model = select_model(build_problem(prepared, some[:1]), Layout(prepared, some[:1]))
+    assert [m.name for m in model.fit.members] == [("transmission_error", "a1")]
+    both = build_problem(prepared, some)
+    [(_, load)] = _imitators(replace(model, case=both, share=0.0)).values()
+    assert load.name == ("gravity_compensator", "a1")
+
+
+def test_a_load_is_tried_where_it_does_less_than_a_term_by_what_stays_unexplained():
+    """A wave of another order than a load's is no load, unless more stays open."""
+    seen = recording(
+        "transmission_error@a1,amplitude_rad=5e-4,order=3,phase_rad=1", poses=20
+    )
+    some = (TransmissionError(), GravityCompensator())
+    prepared = prepare(seen, arm().for_recording(seen))
+    model = select_model(build_problem(prepared, some[:1]), Layout(prepared, some[:1]))
+    model = replace(model, case=build_problem(prepared, some))
+    assert not _imitators(replace(model, share=0.999))
+    [(less, load)] = _imitators(replace(model, share=0.0)).values()
+    assert load.name == ("gravity_compensator", "a1")
+    assert 0.0 < less < 0.5 * model.statistics.whole
+
+
+def test_a_load_is_tried_in_the_place_of_a_term_without_a_name():
+    """A generic wave of the angle turns its axis as a compensator does."""
+    ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
+    some = (GravityCompensator(),)
+    case = build_problem(ready, some)
+    (wave,) = (
+        m for m in case.library.map.blocks if (m.kind, m.where) == ("angle", "a1")
+    )
+    term = ModelTerm(wave.hypothesis, "a1", NONE)
+    model = _selected_under(Layout(ready, ()), *started(build_problem(ready, ()), term))
+    assert [m.name for m in model.fit.members] == [term.name]
+    [(_, load)] = _imitators(replace(model, case=case, share=0.0)).values()
+    assert load.name == ("gravity_compensator", "a1")
+
+
+def test_a_load_is_tried_in_the_place_of_another_load():
+    """Masses of two links imitate a compensator behind a gear that hardens."""
+    some = (Hardening(), GravityLoad(), GravityCompensator())
+    ready = prepared(
+        "gravity_compensator@a2,torque_nm=40,phase_rad=0.5",
+        "hardening@a2,stiffness_ratio=2,torque_nm=20",
+    )
+    few, both = some[:2], build_problem(ready, some)
+    model = select_model(build_problem(ready, few), Layout(ready, few))
+    masses = {m.name for m in model.fit.members if m.name[0] == "gravity_load"}
+    tried = _imitators(replace(model, case=both, share=0.0))
+    assert {(name, ("gravity_compensator", "a2")) for name in masses} & set(tried)
+
+
+def test_a_load_takes_the_place_of_a_term_where_all_then_are_worth_as_much():
+    """A compensator behind a gear that hardens: its torque moves along the law."""
+    some = (TransmissionError(), GravityCompensator(), Hardening())
+    ready = prepared(
+        "gravity_compensator@a1,torque_nm=40,phase_rad=0.5",
+        "hardening@a1,stiffness_ratio=2,torque_nm=20",
+    )
+    layout, both = Layout(ready, some), build_problem(ready, some)
+    few = some[::2]
+    model = select_model(build_problem(ready, few), Layout(ready, few))
+    names = {m.name for m in model.fit.members}
+    assert ("transmission_error", "a1") in names
+    model = replace(model, case=both, fit=fit_model(both, model.fit.members))
+    point = _exchange_step(layout, model).point
+    assert point is not None
+    assert ("gravity_compensator", "a1") in {m.name for m in point.fit.members}
+    assert point.square < unexplained(both, model.fit)
+    alone = replace(model, fit=fit_model(both, point.fit.members))
+    assert _exchange_step(layout, alone).point is None
+
+
+def test_a_load_counts_with_what_it_changes_of_a_gear_that_hardens():
+    """A wave that turns the axis as a compensator does leaves the gear's law wrong."""
+    names = (Hardening(), GravityCompensator())
+    ready = prepared(
+        "gravity_compensator@a3,torque_nm=27,phase_rad=0.855",
+        "hardening@a3,stiffness_ratio=1.52,torque_nm=19.6",
+    )
+    case = build_problem(ready, (*names, TransmissionError()))
+    law = ModelTerm(names[0], "a3", np.array([20.0, 0.0]))
+    load = ModelTerm(names[1], "a3", NONE)
+    wave = ModelTerm(TransmissionError(), "a3", np.array([1.0]))
+    layout = Layout(ready, (*names, TransmissionError()), whole_loads=True)
+    point = layout.fitted_jointly(case, fit_model(case, [law, load]))
+    own, whole, found = point.fit.members, layout.at(point), []
+    for there in (whole, replace(whole, felt=None)):
+        search = Search.of(there, [*own, wave])
+        worths = [
+            FactorisedSet.of(search.problem, some).worth for some in ([0, 1], [0, 2])
+        ]
+        found.append(worths[0] - worths[1])
+    swapped = layout.fitted_jointly(case, fit_model(case, [own[0], wave]))
+    less = point.worth(case.poses) - swapped.worth(case.poses)
+    assert less > 100.0
+    assert found[0] > 100.0
+    assert abs(found[1]) < 20.0
+
+
+def test_a_compensator_and_a_gear_that_hardens_are_named_at_one_axis():
+    """A wave and a spring of two sides do much of what both do, but not under load."""
+    seen = recording(
+        "gravity_compensator@a3,torque_nm=27,phase_rad=0.855",
+        "hardening@a3,stiffness_ratio=1.52,torque_nm=19.6",
+        poses=60,
+    )
+    found = diagnose(seen, arm())
+    names = {(n.name.effect, n.name.where) for n in found.named}
+    assert names == {("gravity_compensator", "a3"), ("hardening", "a3")}
+
+
+def test_a_load_comes_back_where_a_wave_took_what_it_displaces_under_its_torque():
+    """While the play still feels it; in columns of its own the wave does less."""
+    some = (LostMotion(), GravityCompensator(), TransmissionError())
+    ready = prepared(
+        "gravity_compensator@a3,torque_nm=14,phase_rad=1.89",
+        "lost_motion@a3,width_rad=2.4e-4",
+    )
+    layout, case = Layout(ready, some), build_problem(ready, some)
+    play, load, wave = (
+        ModelTerm(law, "a3", np.array(shape))
+        for law, shape in zip(some, ([0.3], [], [1.0]), strict=True)
+    )
+    both = layout.fitted_jointly(case, fit_model(case, [play, load]))
+    under = layout.at(both)
+    fit = fit_model(under, [play, wave])
+    misled = layout.fitted_jointly(under, fit)
+    assert unexplained(under, fit) < both.square + 10.0
+    assert misled.square > both.square + 1000.0
+    back = _with_loads_put_back(layout, under, misled, [load])
+    assert {m.name for m in back.fit.members} == {play.name, load.name}
+    assert abs(back.over(both, case.poses)) < 1.0
+
+
+def of_torque(case, where: str) -> ModelTerm:
+    """Return the generic term of an axis that depends on its torque."""
+    blocks = case.library.map.blocks
+    (block,) = (b for b in blocks if (b.kind, b.where) == ("torque", where))
+    return generic_term(block)
+
+
+def test_a_load_comes_with_the_law_that_feels_it_where_a_gear_has_no_name(monkeypatch):
+    """Alone neither does much: the law has the wrong sign without the load's torque."""
+    some = (LostMotion(), Hardening(), GravityCompensator(), TransmissionError())
+    ready = prepared(
+        "gravity_compensator@a3,torque_nm=20,phase_rad=-0.2",
+        "hardening@a3,stiffness_ratio=1.6,torque_nm=15",
+    )
+    layout, case = Layout(ready, some), build_problem(ready, some)
+    wave = ModelTerm(some[3], "a3", np.array([1.0]))
+    model = _judged(case, (wave, of_torque(case, "a3")), (), ())
+    monkeypatch.setattr(selection, "_imitators", lambda model: {})
+    loaded = _exchange_step(layout, replace(model, share=0.5)).loaded
+    assert loaded is not None
+    laws = {("gravity_compensator", "a3"), ("hardening", "a3")}
+    assert laws <= loaded.fit.names <= {*laws, wave.name}
+    assert loaded.worth(case.poses) > -0.5 * unexplained(case, model.fit)
+    assert _exchange_step(layout, replace(model, share=1.0)).loaded is None
+
+
+def test_what_a_play_leaves_at_a_wrong_shape_goes_where_the_play_does_better_alone():
+    some = (LostMotion(),)
+    ready = prepared("lost_motion@a3,width_rad=2.4e-4")
+    layout, case = Layout(ready, some), build_problem(ready, some)
+    play = ModelTerm(some[0], "a3", np.array([3.0]))
+    model = _judged(case, (play,), (), ())
+    both = replace(model, fit=fit_model(case, [play, of_torque(case, "a3")]))
+    alone = _without_needless_terms(layout, both)
+    (found,) = alone.fit.members
+    assert found.name == play.name
+    assert 0.1 < found.shape[0] < 0.5
+    assert unexplained(alone.case, alone.fit) < 0.0
+
+
+def started(case, term: ModelTerm):
+    """Return a search that starts with a term, and the set of it alone."""
+    search = Search.of(case, [term])
+    return search, select_groups(search.problem, [0])
+
+
+def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
+    """Where the search begins with it, as where one was found on the way."""
+    some = (GravityCompensator(),)
+    ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
+    layout, judged = Layout(ready, some), selection._judged
+    bare = build_problem(ready, some)
+    term = select_model(bare, Layout(ready, some)).fit.members
+    fit = fit_model(bare, term)
+    acting = build_problem(ready, some, total_softening(bare, ready, fit), fit)
+    search = Search.of(acting, term)
+    start = select_groups(search.problem, range(len(term)))
+    monkeypatch.setattr(selection, "_judged", lambda c, t, *o: judged(c, (), *o))
+    found = _selected_under(layout, search, start)
+    assert not found.fit.members
+    assert np.ptp(search.case.situation.torque - bare.situation.torque) > 1.0
+    assert_allclose(found.case.situation.torque, bare.situation.torque, atol=0.1)
