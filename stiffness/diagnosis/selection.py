@@ -230,15 +230,22 @@ def _without_needless_terms(layout: Layout, model: SelectedModel) -> SelectedMod
     loads = case.felt is not None and bool(case.felt.loads)
     layout = replace(layout, whole_loads=loads)
     for term in (m for m in members if is_of_a_gear(m)):
-        rest = beyond_present_names([m for m in members if m.name != term.name])
+        rest = [m for m in members if m.name != term.name]
         names = (m for m in rest if m.where == term.where and not m.is_generic)
         if not any("torque" in m.depends_on for m in names):
             continue
-        point = layout.fitted_jointly(case, fit_model(case, rest))
+        point = _fitted_jointly(layout, case, rest)
         if point.worth(case.poses) > worth + SURE:
             other = _searched_on(layout, point, point.fit.members, [term.name])
             return _better(model, other)
     return model
+
+
+def _fitted_jointly(
+    layout: Layout, case: SelectionProblem, terms: Sequence[ModelTerm]
+) -> OperatingPoint:
+    """Fit a set with its columns, generic terms beyond the names that it has."""
+    return layout.fitted_jointly(case, fit_model(case, beyond_present_names(terms)))
 
 
 def _better(model: SelectedModel, other: SelectedModel) -> SelectedModel:
@@ -283,8 +290,8 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
         names = {member.name for member in members}
         if name not in names or other.name in names:
             continue
-        some = beyond_present_names([other if m.name == name else m for m in members])
-        point = layout.fitted_jointly(case, fit_model(case, some))
+        some = [other if m.name == name else m for m in members]
+        point = _fitted_jointly(layout, case, some)
         fitted.append(point)
         found = point.worth(case.poses)
         less |= {(name, other.name): most - found, (other.name, name): found - most}
@@ -293,8 +300,7 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
     for term in unknown:
         rest = [m for m in members if m.name != term.name]
         for pair in loads_with_laws(case, rest, term.where):
-            some = beyond_present_names([*rest, *pair])
-            fitted.append(layout.fitted_jointly(case, fit_model(case, some)))
+            fitted.append(_fitted_jointly(layout, case, [*rest, *pair]))
     here = case.situation
     loaded = (
         p for p in fitted if any(is_load_of_one_axis(here, m) for m in p.fit.members)
@@ -429,14 +435,12 @@ def _with_loads_put_back(
     if not lost:
         return point
     own = point.fit.members
-    some = beyond_present_names([*own, *lost])
-    whole = layout.fitted_jointly(case, fit_model(case, some))
+    whole = _fitted_jointly(layout, case, [*own, *lost])
     if whole.over(point, case.poses) <= SURE:
         return point
     for term in (t for t in own if t.where in {m.where for m in lost}):
         rest = [m for m in whole.fit.members if m.name != term.name]
-        some = beyond_present_names(rest)
-        less = layout.fitted_jointly(case, fit_model(case, some))
+        less = _fitted_jointly(layout, case, rest)
         whole = less if less.over(whole, case.poses) > 0.0 else whole
     return whole
 

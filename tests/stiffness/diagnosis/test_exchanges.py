@@ -32,6 +32,13 @@ from stiffness.regression.group_sets import FactorisedSet
 NONE = np.zeros(0)
 
 
+def nameless(case, kind: str, where: str) -> ModelTerm:
+    """Return the generic term of a kind at a place."""
+    blocks = case.library.map.blocks
+    (block,) = (b for b in blocks if (b.kind, b.where) == (kind, where))
+    return generic_term(block)
+
+
 def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():
     """A wave of the gear turns its axis as a compensator, which also winds others."""
     seen = recording("gravity_compensator@a1,torque_nm=40,phase_rad=0.5", poses=20)
@@ -64,10 +71,7 @@ def test_a_load_is_tried_in_the_place_of_a_term_without_a_name():
     ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
     some = (GravityCompensator(),)
     case = build_problem(ready, some)
-    (wave,) = (
-        m for m in case.library.map.blocks if (m.kind, m.where) == ("angle", "a1")
-    )
-    term = ModelTerm(wave.hypothesis, "a1", NONE)
+    term = nameless(case, "angle", "a1")
     model = _selected_under(Layout(ready, ()), *started(build_problem(ready, ()), term))
     assert [m.name for m in model.fit.members] == [term.name]
     [(_, load)] = _imitators(replace(model, case=case, share=0.0)).values()
@@ -171,13 +175,6 @@ def test_a_load_comes_back_where_a_wave_took_what_it_displaces_under_its_torque(
     assert abs(back.over(both, case.poses)) < 1.0
 
 
-def of_torque(case, where: str) -> ModelTerm:
-    """Return the generic term of an axis that depends on its torque."""
-    blocks = case.library.map.blocks
-    (block,) = (b for b in blocks if (b.kind, b.where) == ("torque", where))
-    return generic_term(block)
-
-
 def test_a_load_comes_with_the_law_that_feels_it_where_a_gear_has_no_name(monkeypatch):
     """Alone neither does much: the law has the wrong sign without the load's torque."""
     some = (LostMotion(), Hardening(), GravityCompensator(), TransmissionError())
@@ -187,7 +184,7 @@ def test_a_load_comes_with_the_law_that_feels_it_where_a_gear_has_no_name(monkey
     )
     layout, case = Layout(ready, some), build_problem(ready, some)
     wave = ModelTerm(some[3], "a3", np.array([1.0]))
-    model = _judged(case, (wave, of_torque(case, "a3")), (), ())
+    model = _judged(case, (wave, nameless(case, "torque", "a3")), (), ())
     monkeypatch.setattr(selection, "_imitators", lambda model: {})
     loaded = _exchange_step(layout, replace(model, share=0.5)).loaded
     assert loaded is not None
@@ -203,7 +200,7 @@ def test_what_a_play_leaves_at_a_wrong_shape_goes_where_the_play_does_better_alo
     layout, case = Layout(ready, some), build_problem(ready, some)
     play = ModelTerm(some[0], "a3", np.array([3.0]))
     model = _judged(case, (play,), (), ())
-    both = replace(model, fit=fit_model(case, [play, of_torque(case, "a3")]))
+    both = replace(model, fit=fit_model(case, [play, nameless(case, "torque", "a3")]))
     alone = _without_needless_terms(layout, both)
     (found,) = alone.fit.members
     assert found.name == play.name
