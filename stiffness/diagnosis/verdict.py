@@ -28,6 +28,7 @@ import numpy as np
 from bench.shared.effect_catalogue import INSTRUMENTS
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import (
+    WOULD_SHOW,
     DetectionTest,
     HomogeneityTest,
     ResidualEquations,
@@ -92,6 +93,9 @@ NAMED_SHARE = 2.0 / 3.0
 """Share of what is explained or left that names must have together. Chosen: a mechanism
 that nobody knows is seldom imitated by names to two thirds; where most has no name,
 what has one is part of the same."""
+IMITATED = 0.5
+"""Share of what a name displaces from which columns of another place may be all of it.
+Chosen: most of it."""
 INHOMOGENEITY_LIMIT = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
@@ -237,15 +241,18 @@ def _largest_part(
 
     At another place, a neighbour or one before a weight, only the part counts that
     columns of that place can do of what the member displaces: so much of the name may
-    be what is unknown there.
+    be what is unknown there. Nothing counts where most of the name is beyond those
+    columns and would be seen alone.
     """
     member, most = model.fit.members[k], 0.0
+    gain = model.drop_one_gains[k] / max(model.dispersion, 1.0)
     for where, here in places:
         if here <= most or not may_show_at(member, where):
             continue
         own = member.where == where
         share = 1.0 if own else imitated_share(beyond, model.fit, k, where)
-        most = max(most, here * share)
+        if share >= IMITATED or (1.0 - share) * gain < WOULD_SHOW:
+            most = max(most, here * share)
     return most
 
 

@@ -285,9 +285,20 @@ def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld(
     assert withheld(0.45, "load") == [False, False]
 
 
-@pytest.mark.parametrize(("where", "stands"), [("tool", True), ("link_2", False)])
+@pytest.mark.parametrize(
+    ("where", "gains", "stands"),
+    [
+        # the generic term explains more than twice as much
+        ("tool", (1.0, 3.0), True),
+        ("link_2", (1.0, 3.0), False),
+        # twenty times as much: what the axis cannot do is seen alone, or is too little
+        ("tool", (200.0, 4000.0), True),
+        ("tool", (20.0, 400.0), False),
+        ("link_2", (200.0, 4000.0), False),
+    ],
+)
 def test_a_weight_goes_where_an_unknown_mechanism_before_it_could_do_what_it_does(
-    where, stands
+    where, gains, stands
 ):
     """What hangs on the flange pulls at all axes, an axis turns alone."""
     ready, laws = prepared(f"gravity_load@{where},mass_kg=2"), (GravityLoad(),)
@@ -300,7 +311,6 @@ def test_a_weight_goes_where_an_unknown_mechanism_before_it_could_do_what_it_doe
     model = _judged(case, (weight,), (), ())
     fit = fit_model(case, terms)
     assert fit.names == {term.name for term in terms}
-    gains = (1.0, 3.0)  # the generic term explains more than twice as much
     beyond = ResidualEquations.of(case, fit)
     both = replace(model, fit=fit, drop_one_gains=gains)
     assert (_beside_generic(0, both, beyond) < RESIDUAL_SHARE_LIMIT) == stands
