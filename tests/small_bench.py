@@ -22,6 +22,7 @@ from stiffness.diagnosis.joint_fit import Layout
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.result import Diagnosis
+from stiffness.diagnosis.search import generic_term
 from stiffness.diagnosis.selection import SelectedModel, search_model, with_exchanges
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset
@@ -61,6 +62,13 @@ def select_model(
 ) -> SelectedModel:
     """Search the set that explains best, what imitates each other exchanged."""
     return with_exchanges(search_model(case, layout, start), layout)
+
+
+def nameless(case: SelectionProblem, kind: str, where: str) -> ModelTerm:
+    """Return the generic term of a kind at a place."""
+    blocks = case.library.map.blocks
+    (block,) = (b for b in blocks if (b.kind, b.where) == (kind, where))
+    return generic_term(block)
 
 
 @cache

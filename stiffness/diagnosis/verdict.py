@@ -94,8 +94,8 @@ NAMED_SHARE = 2.0 / 3.0
 that nobody knows is seldom imitated by names to two thirds; where most has no name,
 what has one is part of the same."""
 IMITATED = 0.5
-"""Share of what a name displaces from which columns of another place may be all of it.
-Chosen: most of it."""
+"""Share of what a name displaces that columns of another place must do for it to count
+against a name that would be seen without that share. Chosen: half of its square."""
 INHOMOGENEITY_LIMIT = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.testing import assert_allclose
-from small_bench import arm, prepared, recording, select_model
+from small_bench import arm, nameless, prepared, recording, select_model
 
 from stiffness.diagnosis import selection
 from stiffness.diagnosis.diagnose import diagnose
@@ -12,7 +12,7 @@ from stiffness.diagnosis.joint_fit import Layout, unexplained
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem, total_softening
-from stiffness.diagnosis.search import Search, generic_term
+from stiffness.diagnosis.search import Search
 from stiffness.diagnosis.selection import (
     _exchange_step,
     _imitators,
@@ -30,13 +30,6 @@ from stiffness.regression.group_selection import select_groups
 from stiffness.regression.group_sets import FactorisedSet
 
 NONE = np.zeros(0)
-
-
-def nameless(case, kind: str, where: str) -> ModelTerm:
-    """Return the generic term of a kind at a place."""
-    blocks = case.library.map.blocks
-    (block,) = (b for b in blocks if (b.kind, b.where) == (kind, where))
-    return generic_term(block)
 
 
 def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():

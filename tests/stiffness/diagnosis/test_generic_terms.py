@@ -6,7 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, MODEL, arm, moved_by, prepared, recording, select_model
+from small_bench import (
+    FEW,
+    MODEL,
+    arm,
+    moved_by,
+    nameless,
+    prepared,
+    recording,
+    select_model,
+)
 
 from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
 from bench.effects.out_of_library.foot_lift_off import FootLiftOff
@@ -303,11 +312,8 @@ def test_a_weight_goes_where_an_unknown_mechanism_before_it_could_do_what_it_doe
     """What hangs on the flange pulls at all axes, an axis turns alone."""
     ready, laws = prepared(f"gravity_load@{where},mass_kg=2"), (GravityLoad(),)
     case = build_problem(ready, laws)
-    generic = next(
-        m for m in case.library.map.blocks if (m.kind, m.where) == ("load", "a2")
-    )
     weight = ModelTerm(laws[0], where, np.zeros(0))
-    terms = weight, ModelTerm(generic.hypothesis, "a2", np.zeros(0))
+    terms = weight, nameless(case, "load", "a2")
     model = _judged(case, (weight,), (), ())
     fit = fit_model(case, terms)
     assert fit.names == {term.name for term in terms}

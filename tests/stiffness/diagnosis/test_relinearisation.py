@@ -6,7 +6,7 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from small_bench import FEW, arm, prepared, recording, select_model
+from small_bench import FEW, arm, nameless, prepared, recording, select_model
 
 from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
@@ -272,10 +272,7 @@ def test_columns_may_be_laid_out_under_a_term_without_a_name_that_has_others_the
     """How many waves of an angle are told apart depends on the torque."""
     ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
     case = build_problem(ready, ())
-    (wave,) = (
-        m for m in case.library.map.blocks if (m.kind, m.where) == ("angle", "a1")
-    )
-    fit = fit_model(case, [ModelTerm(wave.hypothesis, "a1", NONE)])
+    fit = fit_model(case, [nameless(case, "angle", "a1")])
     fewer = replace(fit, coefficients=tuple(c[:-1] for c in fit.coefficients))
     one, other = (linearised(ready, case.split, None, f)[1] for f in (fit, fewer))
     assert_array_equal(one.rest, other.rest)
