@@ -107,6 +107,7 @@ class JudgedModel:
 
     Attributes:
         model: The selected set.
+        beyond: Normal equations beside it.
         residual: Test of the residual.
         unexplained_places: Where the residual is significant.
         withheld: Of each member, whether it is contradicted.
@@ -115,6 +116,7 @@ class JudgedModel:
     """
 
     model: SelectedModel
+    beyond: ResidualEquations
     residual: DetectionTest
     unexplained_places: tuple[UnexplainedPlace, ...]
     withheld: tuple[bool, ...]
@@ -135,7 +137,7 @@ def judge(model: SelectedModel) -> JudgedModel:
         model: The set.
     """
     case, members = model.case, model.fit.members
-    gains = model.drop_one_gains
+    gains = [max(gain, 1e-12) for gain in model.drop_one_gains]
     beyond = ResidualEquations.of(case, model.fit)
     left = residual_test(case, beyond)
     uneven = homogeneity_tests(case, model.fit, beyond.after)
@@ -149,14 +151,13 @@ def judge(model: SelectedModel) -> JudgedModel:
     for k, (member, gain, differs) in enumerate(every):
         if member.is_generic:
             continue
-        near = _residual_near(k, model, left, beyond) if large else 0.0
-        near /= max(gain, 1e-12)
+        near = _residual_near(k, model, left, beyond) / gain if large else 0.0
         second_order = LAW_ACCURACY * max(
             g
             for other, g in zip(members, gains, strict=True)
             if are_near(member.where, other.where)
         )
-        beside = _beside_generic(k, model, beyond) / max(gain, 1e-12)
+        beside = _beside_generic(k, model, beyond) / gain
         is_uneven = is_inhomogeneous(differs, gain) and differs.captured > second_order
         kinds += [differs.grouping] * is_uneven
         if max(near, beside) > RESIDUAL_SHARE_LIMIT:
@@ -166,12 +167,11 @@ def judge(model: SelectedModel) -> JudgedModel:
             found[member.name] = Decision(*asked, RESIDUAL_SHARE_LIMIT, reason)
         elif is_uneven:
             reason = f"its law differs between {differs.grouping}"
-            ratio = differs.captured / max(gain, 1e-12)
-            found[member.name] = Decision(
-                member.name, "homogeneity", False, ratio, INHOMOGENEITY_LIMIT, reason
-            )
+            asked = (member.name, "homogeneity", False, differs.captured / gain)
+            found[member.name] = Decision(*asked, INHOMOGENEITY_LIMIT, reason)
     return JudgedModel(
         model,
+        beyond,
         left,
         places,
         tuple(member.name in found for member in members),
@@ -241,19 +241,26 @@ def _largest_part(
 
     At another place, a neighbour or one before a weight, only the part counts that
     columns of that place can do of what the member displaces: so much of the name may
-    be what is unknown there. Nothing counts where most of the name is beyond those
-    columns and would be seen alone.
+    be what is unknown there.
     """
     member, most = model.fit.members[k], 0.0
-    gain = model.drop_one_gains[k] / max(model.dispersion, 1.0)
     for where, here in places:
-        if here <= most or not may_show_at(member, where):
-            continue
-        own = member.where == where
-        share = 1.0 if own else imitated_share(beyond, model.fit, k, where)
-        if share >= IMITATED or (1.0 - share) * gain < WOULD_SHOW:
-            most = max(most, here * share)
+        if here > most and may_show_at(member, where):
+            most = max(most, here * _part_at(k, model, beyond, where))
     return most
+
+
+def _part_at(k: int, model: SelectedModel, beyond: ResidualEquations, at: str) -> float:
+    """Return the share of a member that may be what is unknown at a place.
+
+    1 at its own; 0 where most of it is beyond the place's columns and would be seen.
+    """
+    if model.fit.members[k].where == at:
+        return 1.0
+    share = imitated_share(beyond, model.fit, k, at)
+    gain = model.drop_one_gains[k] / max(model.dispersion, 1.0)
+    counts = share >= IMITATED or (1.0 - share) * gain < WOULD_SHOW
+    return share if counts else 0.0
 
 
 def _unexplained_places(
@@ -403,10 +410,9 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
                 budget_share=model.share * parts[k],
             )
         )
+    as_share = model.statistics.as_share
     withheld = (
-        UnexplainedPlace(
-            m.where, found.p_value, model.statistics.as_share(gain), m.depends_on
-        )
+        UnexplainedPlace(m.where, found.p_value, as_share(gain), m.depends_on)
         for m, gain, stood in zip(members, model.drop_one_gains, stands, strict=True)
         if not stood and not m.is_generic
     )
@@ -421,8 +427,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     data, _ = blocks(case.situation, case.data.visits, prepared.readings, exactly)
     displaced = displaced_by_places(case, data, model.fit)
     located = places_of_names(by_gain, displaced, found.p_value, case.situation)
-    if not effects:
-        located = located_by_map(case)
+    located = located if effects else located_by_map(case)
     unexplained = None
     if not explained:
         loose = loose_marker(case, found, last if effects else found)
@@ -460,25 +465,25 @@ def _of_slight_share(
     What has none are generic terms, but courses in time, and the residual: a name that
     is withheld is not sure, but no unknown mechanism. One of the arm takes no gear, no
     bearing and nothing that neither angles nor loads change far from the strongest such
-    term: there counts what is open elsewhere. Of parts below zero the size counts.
+    term, nor where most is beyond the columns of its place: there counts what is open
+    elsewhere. Of parts below zero the size counts.
     """
     model, left = judged.model, judged.residual
     every = list(zip(model.fit.members, np.abs(parts), stands, strict=True))
     own = sum(part for _, part, stood in every if stood)
-    nameless = [(part, m) for m, part, _ in every if m.is_generic]
-    unknown = [(p, m.where) for p, m in nameless if m.depends_on != ("time",)]
+    nameless = [(m, part) for m, part, _ in every if m.is_generic]
+    unknown = [(p, m.where) for m, p in nameless if m.depends_on != ("time",)]
     _, loudest = max(unknown, default=(0.0, ""))
-    at = [w for _, w in unknown if loudest not in INSTRUMENTS and are_near(w, loudest)]
-    rest, elsewhere = (sum(p for p, w in unknown if w not in less) for less in ((), at))
-    if left.p_value < SIGNIFICANCE:
-        for where, excess in _excess_of_places(left).items():
-            more = excess / max(model.fit.gain, 1e-12)
-            rest += more
-            elsewhere += 0.0 if any(are_near(where, w) for w in at) else more
+    at = {w for _, w in unknown if loudest not in INSTRUMENTS and are_near(w, loudest)}
+    excess = _excess_of_places(left) if left.p_value < SIGNIFICANCE else {}
+    more = [(e / max(model.fit.gain, 1e-12), w) for w, e in excess.items()]
     reason, found = "names together explain less than twice what has no name", []
-    for m in (m for m, _, stood in every if stood):
-        far = is_local(m) and not are_near(m.where, loudest)
-        other = elsewhere if far else rest
+    for k, m in ((k, m) for k, (m, _, stood) in enumerate(every) if stood):
+        less = at if is_local(m) and not are_near(m.where, loudest) else set[str]()
+        other = sum(p for p, w in more if not any(are_near(w, one) for one in less))
+        places = {w for _, w in unknown if is_local(m)}
+        less = less | {w for w in places if not _part_at(k, model, judged.beyond, w)}
+        other += sum(p for p, w in unknown if w not in less)
         share = own / max(own + other, 1e-12) if other > 0.0 else 1.0
         if share < NAMED_SHARE:
             asked = (m.name, "named_share", False, float(share), NAMED_SHARE)
@@ -503,6 +508,9 @@ def _rivals(
             names = sorted({*(given - {own}), other}, key=str)
             found.append(Rival(probability, tuple(names)))
     return tuple(sorted(found, key=lambda r: -r.probability)[:MOST_RIVALS])
+
+
+NO_LAW = "errors, along no law of one axis' torque, angle or time"
 
 
 def unexplained_of(
@@ -531,22 +539,17 @@ def unexplained_of(
     laws = [m.jacobian(case.situation) for m in known]
     law, look = law_of(case, (*case.nominal, *laws), where)
     words = [look] if look else []
-    every = (*places[0], *places[1])
-    depends = next((one.depends_on for one in every if one.where == where), ())
-    if depends:
+    at = (one.depends_on for one in (*places[0], *places[1]) if one.where == where)
+    if depends := next(at, ()):
         words.append("depends on " + ", ".join(depends))
     if loose is not None:
         words.append("against its body, from pose to pose")
+    times = np.sqrt(last.scatter.dispersion)
     if not words and last.is_overdispersed:
-        words.append(
-            f"readings scatter {np.sqrt(last.scatter.dispersion):.1f} times as much as "
-            "their errors, along no law of one axis' torque, angle or time"
-        )
+        words.append(f"readings scatter {times:.1f} times as much as their {NO_LAW}")
     if not words and last.dispersion > last.scatter.dispersion_limit:
-        words.append(
-            f"poses differ {np.sqrt(last.dispersion):.1f} times as much as the stated "
-            "errors, along no law of one axis' torque, angle or time"
-        )
+        times = np.sqrt(last.dispersion)
+        words.append(f"poses differ {times:.1f} times as much as the stated {NO_LAW}")
     return Unexplained(where, "; ".join(words), law)
 
 
