@@ -2,11 +2,13 @@
 
 ==========  ==========================================================================
 Equation    tilt about u = u_rad_per_nm × moment about u + uv_rad_per_nm × moment about
-            v, and the same for v, both about a centre on the axis
+            v, and the same for v, both about a centre on the axis; beyond
+            moment_nm × the compliance, compliance_ratio times as much per moment
 Source      Klimchik 2011: a joint's tilt compliance is 13 % of its torsional one;
             scaled to 63 kN m/rad this is 1 / 480 kN m/rad
 Valid       small tilts
-Ignores     shift along and across the axis, play of the rollers
+Ignores     shift along and across the axis; what the moment about one direction changes
+            about the other where the bearing grows stiffer
 ==========  ==========================================================================
 
 The directions u and v are those of `bench.effects.springs.frame_along`: for an axis
@@ -21,7 +23,13 @@ import numpy as np
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect, form, optional, size
-from bench.effects.springs import add_spring, frame_along, softest_directions
+from bench.effects.springs import (
+    CLOSED,
+    add_parallel,
+    add_spring,
+    frame_along,
+    softest_directions,
+)
 from bench.kinematic_chain import Anatomy
 
 
@@ -35,6 +43,9 @@ class BearingTilt(ModelEffect):
         centre_m: Where the bearing sits, along the axis from the joint's origin.
         uv_rad_per_nm: Tilt about either direction per moment about the other, where the
             softest one lies between them.
+        compliance_ratio: Compliance beyond moment_nm over that below; 0: small moments
+            take up a play.
+        moment_nm: Moment about a direction from which the bearing is stiffer.
     """
 
     name: ClassVar[str] = "bearing_tilt"
@@ -42,6 +53,8 @@ class BearingTilt(ModelEffect):
     v_rad_per_nm: float = size(1 / 480e3, 0.0)
     centre_m: float = form(0.0)
     uv_rad_per_nm: float = optional(0.0)
+    compliance_ratio: float = optional(1.0, 0.0, 1.0)
+    moment_nm: float = optional(10.0, 1e-9, 1e6)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
@@ -57,4 +70,12 @@ class BearingTilt(ModelEffect):
         ):
             if compliance > 0.0:
                 name = f"{axis}_tilt_{label}"
-                add_spring(seat, name, direction, 1.0 / compliance, pos=centre)
+                soft = 1.0 / compliance
+                tilt = add_spring(seat, name, direction, soft, pos=centre)
+                if self.compliance_ratio < 1.0:
+                    stiff = soft / max(self.compliance_ratio, soft / CLOSED)
+                    end = self.moment_nm * compliance
+                    beyond = f"{tilt.name}_beyond"
+                    add_parallel(
+                        spec, beyond, tilt.name, stiff - soft, slack=(-end, end)
+                    )

@@ -47,9 +47,10 @@ def form(usual: T, least: Number = -math.inf, most: Number = math.inf) -> T:
     return field(default=usual, metadata={"bounds": (least, most), "off": None})
 
 
-def optional(usual: T) -> T:
+def optional(usual: T, least: Number = -math.inf, most: Number = math.inf) -> T:
     """Return a field of a form that is no parameter where it has its default."""
-    return field(default=usual, metadata={"off": None, "optional": True})
+    kept = {"bounds": (least, most), "off": None, "optional": True}
+    return field(default=usual, metadata=kept)
 
 
 def assumed(usual: T, least: Number = -math.inf, most: Number = math.inf) -> T:

@@ -19,13 +19,17 @@ import numpy as np
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect, assumed, size
-from bench.effects.springs import add_parallel, add_series, add_spring, frame_along
+from bench.effects.springs import (
+    CLOSED,
+    add_parallel,
+    add_series,
+    add_spring,
+    frame_along,
+)
 from bench.kinematic_chain import Anatomy
 
 CONTACT = 300.0
 """Stiffness of the closed play over the axis' own; chosen: practically rigid."""
-CLOSED = 1e8
-"""The same across the axis, in N m/rad; chosen: 100 N m tip it by a µrad."""
 
 
 @dataclass(frozen=True)

@@ -229,7 +229,7 @@ _ALL = (
                 1.0 / 44e3,
                 "Klimchik 2011 scaled; cross-roller bearings of 44 to 910 kN m/rad",
             ),
-            *_shapes("centre_m uv_rad_per_nm"),
+            *_shapes("centre_m uv_rad_per_nm compliance_ratio moment_nm"),
         ),
         ("load",),
         BOTH,

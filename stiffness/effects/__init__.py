@@ -17,6 +17,7 @@ from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
+from stiffness.effects.hardening_tilt import HardeningTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.joint_compliance import JointCompliance
 from stiffness.effects.link_bending import LinkBending
@@ -46,6 +47,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     WristCoupling(),
     # in bearings, links and the foot
     BearingTilt(),
+    HardeningTilt(),
     AskewTilt(),
     LinkBending(),
     BaseTilt(),
@@ -75,8 +77,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 )
 """Every hypothesis that can be named.
 
-Laws may share a name: `BearingTilt` and `AskewTilt`, `BaseTilt`, `BaseCompliance` and
-`AskewBase`, `GravityCompensator` and `StretchedSpring`.
+Laws may share a name: `BearingTilt`, `HardeningTilt` and `AskewTilt`; `BaseTilt`,
+`BaseCompliance` and `AskewBase`; `GravityCompensator` and `StretchedSpring`.
 """
 
 if missing := {law.effect for law in HYPOTHESES} - CATALOGUE.keys():

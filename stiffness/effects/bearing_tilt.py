@@ -7,7 +7,8 @@ Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + h z, M_c = M_
 Source      Klimchik et al. 2011: diagonal 6 x 6 joint compliance
 Valid       small tilts; a bearing whose centre of tilt is on the axis
 Ignores     radial and axial compliance; coupling of the two tilts of a bearing whose
-            soft direction lies between x and y (`askew_tilt`, its variant)
+            soft direction lies between x and y (`askew_tilt`, its variant); growth of
+            the stiffness with the moment (`hardening_tilt`)
 ==========  ==========================================================================
 """
 
@@ -51,7 +52,7 @@ class BearingTilt(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        seat, moment, centre = _across(situation, where, shape[0])
+        seat, moment, centre = across(situation, where, shape[0])
         rotation = seat * np.einsum("rij,ri->rj", seat, moment)[:, None, :]
         return EffectJacobian(2, (rotate(situation.axis(where) + 1, rotation, centre),))
 
@@ -59,7 +60,7 @@ class BearingTilt(Hypothesis):
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        seat, moment, centre = _across(situation, where, shape[0])
+        seat, moment, centre = across(situation, where, shape[0])
         about = np.einsum("rij,ri->rj", seat, moment)[:, ::-1]
         askew = np.einsum("rij,rj->ri", seat, about)[:, :, None]
         return EffectJacobian(1, (rotate(situation.axis(where) + 1, askew, centre),))
@@ -72,14 +73,20 @@ class BearingTilt(Hypothesis):
         return {"u_rad_per_nm": u, "v_rad_per_nm": v, "centre_m": shape[0]}
 
 
-def _across(
+def across(
     situation: StaticState, where: str, centre: float
 ) -> tuple[
     Float[np.ndarray, "rows 3 2"],
     Float[np.ndarray, "rows 3"],
     Float[np.ndarray, "rows 3"],
 ]:
-    """Return the two directions across a seat, moment about its centre, and centre."""
+    """Return the two directions across a seat, moment about its centre, and centre.
+
+    Args:
+        situation: Where the arm stood.
+        where: The axis.
+        centre: Of the bearing, along the axis from its origin, in m.
+    """
     place = situation.axis(where) + 1
     seat = situation.seat[:, place]
     along = np.full(situation.rows, centre)

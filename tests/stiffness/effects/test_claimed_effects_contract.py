@@ -40,7 +40,8 @@ VOCABULARY = {
     "creep": {"ratio", "time_s"},
     "angle_dependent_stiffness": {"ratio", "order", "phase_rad"},
     "transmission_error": {"amplitude_rad", "order", "phase_rad"},
-    "bearing_tilt": {"u_rad_per_nm", "v_rad_per_nm", "centre_m", "uv_rad_per_nm"},
+    "bearing_tilt": {"u_rad_per_nm", "v_rad_per_nm", "centre_m", "uv_rad_per_nm"}
+    | {"compliance_ratio", "moment_nm"},
     "wrist_coupling": {"compliance_rad_per_nm", "with"},
     "encoder_offset": {"offset_rad"},
     "reading_lag": {"lag_rad", "share_lag_rad"},

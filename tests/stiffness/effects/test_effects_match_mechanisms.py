@@ -131,6 +131,22 @@ def test_columns_are_what_springs_askew_do(effect, height):
     near(law.parameters(truth.situation(), *at, found), effect.parameters())
 
 
+@pytest.mark.parametrize(
+    "effect",
+    [
+        BearingTilt("a2", 1e-6, 5e-7, 0.1, compliance_ratio=0.3, moment_nm=50.0),
+        BearingTilt("a5", 4e-6, 5e-6, 0.0, compliance_ratio=0.0, moment_nm=3.0),
+    ],
+    ids=label,
+)
+def test_bearing_that_grows_stiffer_tilts_as_claimed_but_for_the_rounded_knee(effect):
+    done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
+    shape = np.array([effect.centre_m, effect.compliance_ratio, effect.moment_nm])
+    left, _, found = Fit(truth.situation(), effect, shape, []).of(done)
+    assert left < 2 * SECOND_ORDER
+    near(found, effect.parameters())
+
+
 def test_torque_couples_wrist_axes_through_gears_that_harden():
     """Linear springs would make it half as large; the knee is rounded in the claim."""
     gears = [

@@ -22,6 +22,8 @@ from stiffness.diagnosis.model_evaluation import (
 from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.result import Name
+from stiffness.effects import HYPOTHESES
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.askew_base import AskewBase
 from stiffness.effects.askew_tilt import AskewTilt
@@ -191,6 +193,41 @@ def test_tilt_that_is_softest_between_two_axes_has_one_name_and_all_sizes(name, 
         assert abs(held.estimate - size) < 2.0 * half < 0.3 * abs(size)
     [entry] = patch_of_diagnosis(found, seen, arm()).effects
     assert entry.parameters == {n: p.estimate for n, p in one.parameters.items()}
+
+
+@pytest.mark.parametrize(
+    ("where", "ratio", "knee"), [("a2", 0.3, 60.0), ("a4", 0.0, 4.0)]
+)
+def test_bearing_that_grows_stiffer_has_one_name_and_all_sizes(where, ratio, knee):
+    """And the patch holds them; linear tilts left it to hardening gears nearby."""
+    true = {"u_rad_per_nm": 8e-6, "v_rad_per_nm": 6e-6}
+    true |= {"compliance_ratio": ratio, "moment_nm": knee}
+    made = recording(
+        ",".join([f"bearing_tilt@{where}", *(f"{k}={v}" for k, v in true.items())])
+    )
+    found = diagnose(made, arm(), HYPOTHESES)
+    [one] = found.named
+    assert one.name == Name("bearing_tilt", where)
+    assert found.verdict == "explained"
+    for parameter, size in true.items():
+        held = one.parameters[parameter]
+        assert_allclose(held.estimate, size, rtol=0.1, atol=0.05)
+    [entry] = patch_of_diagnosis(found, made, arm()).effects
+    assert entry.parameters == {n: p.estimate for n, p in one.parameters.items()}
+
+
+@pytest.mark.parametrize("axis", [3, 4])
+def test_bearing_whose_rollers_carry_the_whole_moment_takes_no_other_name(axis):
+    """A play in any direction across the axis, taken up smoothly."""
+    here, place = prepared().situation, axis + 1
+    across = here.seat[:, place, :, :2]
+    about = np.einsum("rij,ri->rj", across, here.moment[:, place])
+    whole = np.linalg.norm(about, axis=1, keepdims=True)
+    tilt = 2e-4 * about / np.maximum(whole, 1e-9) * np.tanh(whole / 3.0)
+    turned = np.einsum("rij,rj->ri", across, tilt)[:, :, None]
+    law = EffectJacobian(1, (rotate(place, turned, here.origin[:, place]),))
+    found = diagnose(moved_by(law, np.ones(1)), arm(), HYPOTHESES)
+    assert [e.name for e in found.named] == [Name("bearing_tilt", f"a{axis + 1}")]
 
 
 @pytest.mark.parametrize(("height", "aside"), [(-0.3, 0.0), (0.1, 0.05)])
