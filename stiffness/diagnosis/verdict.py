@@ -131,11 +131,7 @@ class JudgedModel:
 
 
 def judge(model: SelectedModel) -> JudgedModel:
-    """Test the residual of a selected set, and withhold what it contradicts.
-
-    Args:
-        model: The set.
-    """
+    """Test the residual of a selected set, and withhold what it contradicts."""
     case, members = model.case, model.fit.members
     gains = [max(gain, 1e-12) for gain in model.drop_one_gains]
     beyond = ResidualEquations.of(case, model.fit)
@@ -246,20 +242,25 @@ def _largest_part(
     member, most = model.fit.members[k], 0.0
     for where, here in places:
         if here > most and may_show_at(member, where):
-            most = max(most, here * _part_at(k, model, beyond, where))
+            most = max(most, here * _part_at(k, model, beyond, (where, here)))
     return most
 
 
-def _part_at(k: int, model: SelectedModel, beyond: ResidualEquations, at: str) -> float:
+def _part_at(
+    k: int, model: SelectedModel, beyond: ResidualEquations, unknown: tuple[str, float]
+) -> float:
     """Return the share of a member that may be what is unknown at a place.
 
-    1 at its own; 0 where most of it is beyond the place's columns and would be seen.
+    1 at its own; 0 where most of it is beyond the place's columns, and that would be
+    seen and is more than an unknown mechanism may leave beside them.
     """
-    if model.fit.members[k].where == at:
+    where, here = unknown
+    if model.fit.members[k].where == where:
         return 1.0
-    share = imitated_share(beyond, model.fit, k, at)
+    share = imitated_share(beyond, model.fit, k, where)
     gain = model.drop_one_gains[k] / max(model.dispersion, 1.0)
-    counts = share >= IMITATED or (1.0 - share) * gain < WOULD_SHOW
+    least = max(WOULD_SHOW, GENERIC_ACCURACY * here)
+    counts = share >= IMITATED or (1.0 - share) * gain < least
     return share if counts else 0.0
 
 
@@ -320,11 +321,7 @@ class ExchangePosterior:
 
 
 def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
-    """Return how sure each name is.
-
-    Args:
-        model: The selected set.
-    """
+    """Return how sure each name of a selected set is."""
     search = exchange_search(model)
     some, found = range(len(model.fit.members)), list[ExchangePosterior]()
     for member, gain in zip(model.fit.members, model.drop_one_gains, strict=True):
@@ -469,21 +466,24 @@ def _of_slight_share(
     elsewhere. Of parts below zero the size counts.
     """
     model, left = judged.model, judged.residual
-    every = list(zip(model.fit.members, np.abs(parts), stands, strict=True))
-    own = sum(part for _, part, stood in every if stood)
-    nameless = [(m, part) for m, part, _ in every if m.is_generic]
-    unknown = [(p, m.where) for m, p in nameless if m.depends_on != ("time",)]
-    _, loudest = max(unknown, default=(0.0, ""))
-    at = {w for _, w in unknown if loudest not in INSTRUMENTS and are_near(w, loudest)}
-    excess = _excess_of_places(left) if left.p_value < SIGNIFICANCE else {}
-    more = [(e / max(model.fit.gain, 1e-12), w) for w, e in excess.items()]
+    members, sizes = model.fit.members, np.abs(parts)
+    own = sum(part for part, stood in zip(sizes, stands, strict=True) if stood)
+    nameless = [k for k, m in enumerate(members) if m.is_generic]
+    unknown = [k for k in nameless if members[k].depends_on != ("time",)]
+    loudest = members[max(unknown, key=lambda k: sizes[k])].where if unknown else ""
+    open_at = {members[k].where for k in unknown if loudest not in INSTRUMENTS}
+    at = {where for where in open_at if are_near(where, loudest)}
+    more = _excess_of_places(left) if left.p_value < SIGNIFICANCE else {}
+    whole = max(model.fit.gain, 1e-12)
     reason, found = "names together explain less than twice what has no name", []
-    for k, m in ((k, m) for k, (m, _, stood) in enumerate(every) if stood):
+    for k, m in ((k, m) for k, m in enumerate(members) if stands[k]):
         less = at if is_local(m) and not are_near(m.where, loudest) else set[str]()
-        other = sum(p for p, w in more if not any(are_near(w, one) for one in less))
-        places = {w for _, w in unknown if is_local(m)}
-        less = less | {w for w in places if not _part_at(k, model, judged.beyond, w)}
-        other += sum(p for p, w in unknown if w not in less)
+        some = (w for w in more if not any(are_near(w, one) for one in less))
+        other = sum(more[w] for w in some) / whole
+        for j in (j for j in unknown if members[j].where not in less):
+            there = members[j].where, model.drop_one_gains[j]
+            if not is_local(m) or _part_at(k, model, judged.beyond, there):
+                other += sizes[j]
         share = own / max(own + other, 1e-12) if other > 0.0 else 1.0
         if share < NAMED_SHARE:
             asked = (m.name, "named_share", False, float(share), NAMED_SHARE)
@@ -544,12 +544,11 @@ def unexplained_of(
         words.append("depends on " + ", ".join(depends))
     if loose is not None:
         words.append("against its body, from pose to pose")
-    times = np.sqrt(last.scatter.dispersion)
+    times, differ = np.sqrt(last.scatter.dispersion), np.sqrt(last.dispersion)
     if not words and last.is_overdispersed:
         words.append(f"readings scatter {times:.1f} times as much as their {NO_LAW}")
     if not words and last.dispersion > last.scatter.dispersion_limit:
-        times = np.sqrt(last.dispersion)
-        words.append(f"poses differ {times:.1f} times as much as the stated {NO_LAW}")
+        words.append(f"poses differ {differ:.1f} times as much as the stated {NO_LAW}")
     return Unexplained(where, "; ".join(words), law)
 
 

@@ -300,10 +300,12 @@ def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld(
         # the generic term explains more than twice as much
         ("tool", (1.0, 3.0), True),
         ("link_2", (1.0, 3.0), False),
-        # twenty times as much: what the axis cannot do is seen alone, or is too little
-        ("tool", (200.0, 4000.0), True),
-        ("tool", (20.0, 400.0), False),
-        ("link_2", (200.0, 4000.0), False),
+        # ten times as much: what the axis cannot do is seen alone, or is too little
+        ("tool", (400.0, 4000.0), True),
+        ("tool", (40.0, 400.0), False),
+        ("link_2", (400.0, 4000.0), False),
+        # thirty times as much: the law of the generic term may err by that
+        ("tool", (400.0, 12000.0), False),
     ],
 )
 def test_a_weight_goes_where_an_unknown_mechanism_before_it_could_do_what_it_does(
