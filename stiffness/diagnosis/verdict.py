@@ -242,25 +242,23 @@ def _largest_part(
     member, most = model.fit.members[k], 0.0
     for where, here in places:
         if here > most and may_show_at(member, where):
-            most = max(most, here * _part_at(k, model, beyond, (where, here)))
+            most = max(most, here * _part_at(k, model, beyond, where))
     return most
 
 
 def _part_at(
-    k: int, model: SelectedModel, beyond: ResidualEquations, unknown: tuple[str, float]
+    k: int, model: SelectedModel, beyond: ResidualEquations, at: str, left: float = 0.0
 ) -> float:
     """Return the share of a member that may be what is unknown at a place.
 
     1 at its own; 0 where most of it is beyond the place's columns, and that would be
-    seen and is more than an unknown mechanism may leave beside them.
+    seen and is more than what may be `left` of the unknown beside them.
     """
-    where, here = unknown
-    if model.fit.members[k].where == where:
+    if model.fit.members[k].where == at:
         return 1.0
-    share = imitated_share(beyond, model.fit, k, where)
+    share = imitated_share(beyond, model.fit, k, at)
     gain = model.drop_one_gains[k] / max(model.dispersion, 1.0)
-    least = max(WOULD_SHOW, GENERIC_ACCURACY * here)
-    counts = share >= IMITATED or (1.0 - share) * gain < least
+    counts = share >= IMITATED or (1.0 - share) * gain < max(WOULD_SHOW, left)
     return share if counts else 0.0
 
 
@@ -462,8 +460,8 @@ def _of_slight_share(
     What has none are generic terms, but courses in time, and the residual: a name that
     is withheld is not sure, but no unknown mechanism. One of the arm takes no gear, no
     bearing and nothing that neither angles nor loads change far from the strongest such
-    term, nor where most is beyond the columns of its place: there counts what is open
-    elsewhere. Of parts below zero the size counts.
+    term, nor where most is beyond the columns of its place and more than the term may
+    leave: there counts what is open elsewhere. Of parts below zero the size counts.
     """
     model, left = judged.model, judged.residual
     members, sizes = model.fit.members, np.abs(parts)
@@ -481,8 +479,8 @@ def _of_slight_share(
         some = (w for w in more if not any(are_near(w, one) for one in less))
         other = sum(more[w] for w in some) / whole
         for j in (j for j in unknown if members[j].where not in less):
-            there = members[j].where, model.drop_one_gains[j]
-            if not is_local(m) or _part_at(k, model, judged.beyond, there):
+            there = members[j].where, GENERIC_ACCURACY * model.drop_one_gains[j]
+            if not is_local(m) or _part_at(k, model, judged.beyond, *there):
                 other += sizes[j]
         share = own / max(own + other, 1e-12) if other > 0.0 else 1.0
         if share < NAMED_SHARE:
