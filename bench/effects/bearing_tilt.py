@@ -68,14 +68,12 @@ class BearingTilt(ModelEffect):
         for label, direction, compliance in zip(
             "uv", directions.T, compliances, strict=True
         ):
-            if compliance > 0.0:
-                name = f"{axis}_tilt_{label}"
-                soft = 1.0 / compliance
-                tilt = add_spring(seat, name, direction, soft, pos=centre)
-                if self.compliance_ratio < 1.0:
-                    stiff = soft / max(self.compliance_ratio, soft / CLOSED)
-                    end = self.moment_nm * compliance
-                    beyond = f"{tilt.name}_beyond"
-                    add_parallel(
-                        spec, beyond, tilt.name, stiff - soft, slack=(-end, end)
-                    )
+            if compliance <= 0.0:
+                continue
+            soft = 1.0 / compliance
+            tilt = add_spring(seat, f"{axis}_tilt_{label}", direction, soft, pos=centre)
+            share = max(self.compliance_ratio, min(1.0, soft / CLOSED))
+            if share < 1.0:
+                end = self.moment_nm * compliance
+                name, more = f"{tilt.name}_beyond", soft / share - soft
+                add_parallel(spec, name, tilt.name, more, slack=(-end, end))
