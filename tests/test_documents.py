@@ -142,8 +142,10 @@ def test_numbers_of_trials_on_the_first_page_are_those_of_the_results():
         good("", held),
         f"{hits} of {trials}",
         good("strangers", "told apart: memory", "declared: memory_blind"),
-        good("whole", f"places outside the vocabulary said: {outside}"),
-        good("whole", f"names that are false: {outside}"),
+        good("beside_unknown", f"places outside the vocabulary said: {outside}"),
+        good("beside_unknown", f"names that are false: {outside}"),
+        good("beside_unknown", f"right names lost by it: {outside}"),
+        good("beside_unknown", "names that are false: whole arms"),
         good("whole", "names that are false: whole arms"),
         good("whole", f"{held}: whole arms"),
     }
