@@ -3,7 +3,7 @@
 ==========  ==========================================================================
 Equation    tilt about u = u_rad_per_nm × moment about u + uv_rad_per_nm × moment about
             v, and the same for v, both about a centre on the axis; beyond
-            moment_nm × the compliance, compliance_ratio times as much per moment
+            moment_nm, compliance_ratio times as much per moment
 Source      Klimchik 2011: a joint's tilt compliance is 13 % of its torsional one;
             scaled to 63 kN m/rad this is 1 / 480 kN m/rad
 Valid       small tilts

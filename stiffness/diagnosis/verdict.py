@@ -479,8 +479,8 @@ def _of_slight_share(
         some = (w for w in more if not any(are_near(w, one) for one in less))
         other = sum(more[w] for w in some) / whole
         for j in (j for j in unknown if members[j].where not in less):
-            there = members[j].where, GENERIC_ACCURACY * model.drop_one_gains[j]
-            if not is_local(m) or _part_at(k, model, judged.beyond, *there):
+            where, of_law = members[j].where, GENERIC_ACCURACY * model.drop_one_gains[j]
+            if not is_local(m) or _part_at(k, model, judged.beyond, where, of_law):
                 other += sizes[j]
         share = own / max(own + other, 1e-12) if other > 0.0 else 1.0
         if share < NAMED_SHARE:

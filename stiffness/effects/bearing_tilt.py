@@ -52,17 +52,16 @@ class BearingTilt(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        seat, moment, centre = across(situation, where, shape[0])
-        rotation = seat * np.einsum("rij,ri->rj", seat, moment)[:, None, :]
+        seat, about, centre = across(situation, where, shape[0])
+        rotation = seat * about[:, None, :]
         return EffectJacobian(2, (rotate(situation.axis(where) + 1, rotation, centre),))
 
     @override
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        seat, moment, centre = across(situation, where, shape[0])
-        about = np.einsum("rij,ri->rj", seat, moment)[:, ::-1]
-        askew = np.einsum("rij,rj->ri", seat, about)[:, :, None]
+        seat, about, centre = across(situation, where, shape[0])
+        askew = np.einsum("rij,rj->ri", seat, about[:, ::-1])[:, :, None]
         return EffectJacobian(1, (rotate(situation.axis(where) + 1, askew, centre),))
 
     @override
@@ -77,10 +76,12 @@ def across(
     situation: StaticState, where: str, centre: float
 ) -> tuple[
     Float[np.ndarray, "rows 3 2"],
-    Float[np.ndarray, "rows 3"],
+    Float[np.ndarray, "rows 2"],
     Float[np.ndarray, "rows 3"],
 ]:
-    """Return the two directions across a seat, moment about its centre, and centre.
+    """Return the two directions across a seat, moments about them, and the centre.
+
+    In N m about the centre, and in m.
 
     Args:
         situation: Where the arm stood.
@@ -94,4 +95,6 @@ def across(
         along -= situation.recording.posture[:, place - 1]
     arm = along[:, None] * seat[:, :, 2]
     moment = situation.moment[:, place] - cross(arm, situation.force[:, place])
-    return seat[:, :, :2], moment, situation.origin[:, place] + arm
+    two = seat[:, :, :2]
+    about = np.einsum("rij,ri->rj", two, moment)
+    return two, about, situation.origin[:, place] + arm

@@ -21,7 +21,7 @@ from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.bearing_tilt import BearingTilt, across
-from stiffness.effects.hardening import bent
+from stiffness.effects.hardening import LEAST, bent
 from stiffness.effects.jacobian import EffectJacobian, rotate
 from stiffness.experiment.static_state import StaticState
 
@@ -31,8 +31,6 @@ CENTRES = (-0.2, 0.0, 0.2)
 PIECES = ((0.0, 0.06), (0.0, 0.25), (0.4, 0.25), (0.4, 0.6))
 """Ratios of compliance, each with moment_nm over the largest moment across the axis;
 chosen: a play, and rollers that give way, as of a gear."""
-LEAST = 1e-9
-"""Least moment_nm, of an axis that is never loaded."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +56,8 @@ class HardeningTilt(Hypothesis):
 
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
-        seat, moment, _ = across(situation, where, 0.0)
-        largest = float(np.max(np.abs(np.einsum("rij,ri->rj", seat, moment))))
+        _, about, _ = across(situation, where, 0.0)
+        largest = float(np.max(np.abs(about)))
         return np.array(
             [(c, ratio, k * largest) for c in CENTRES for ratio, k in PIECES]
         )
@@ -68,28 +66,25 @@ class HardeningTilt(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        seat, moment, centre = across(situation, where, shape[0])
-        about = hardened(np.einsum("rij,ri->rj", seat, moment), shape)
-        tilt = rotate(situation.axis(where) + 1, seat * about[:, None, :], centre)
-        return EffectJacobian(2, (tilt,))
+        seat, about, centre = across(situation, where, shape[0])
+        rotation = seat * hardened(about, shape)[:, None, :]
+        return EffectJacobian(2, (rotate(situation.axis(where) + 1, rotation, centre),))
 
     @override
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         """Return rollers that the whole moment loads, a smooth law, and askew tilts."""
-        seat, moment, centre = across(situation, where, shape[0])
-        about = np.einsum("rij,ri->rj", seat, moment)
-        whole = np.linalg.norm(about, axis=1, keepdims=True)
-        least = max(float(shape[2]), LEAST)
-        share = bent(whole, least) / np.maximum(whole, LEAST)
-        smooth = least * np.arctan(about / least)
-        laws = [about * share, smooth, hardened(about, shape)[:, ::-1]]
-        columns = [seat * law[:, None, :] for law in laws[:2]]
-        askew = np.einsum("rij,rj->ri", seat, laws[2])[:, :, None]
+        seat, about, centre = across(situation, where, shape[0])
+        knee = max(float(shape[2]), LEAST)
+        size = np.linalg.norm(about, axis=1, keepdims=True)
+        whole = about * (bent(size, knee) / np.maximum(size, LEAST))
+        smooth = knee * np.arctan(about / knee)
+        crossed = hardened(about, shape)[:, ::-1]
+        askew = np.einsum("rij,rj->ri", seat, crossed)[:, :, None]
+        columns = [seat * law[:, None, :] for law in (whole, smooth)]
         rotation = np.concatenate([*columns, askew], axis=2)
-        tilt = rotate(situation.axis(where) + 1, rotation, centre)
-        return EffectJacobian(rotation.shape[2], (tilt,))
+        return EffectJacobian(5, (rotate(situation.axis(where) + 1, rotation, centre),))
 
     @override
     def parameters(

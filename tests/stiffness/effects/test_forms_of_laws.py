@@ -211,7 +211,8 @@ def test_bearing_that_grows_stiffer_has_one_name_and_all_sizes(where, ratio, kne
     assert found.verdict == "explained"
     for parameter, size in true.items():
         held = one.parameters[parameter]
-        assert_allclose(held.estimate, size, rtol=0.1, atol=0.05)
+        about = 0.05 if parameter == "compliance_ratio" else 0.1 * size
+        assert abs(held.estimate - size) < about
     [entry] = patch_of_diagnosis(found, made, arm()).effects
     assert entry.parameters == {n: p.estimate for n, p in one.parameters.items()}
 
