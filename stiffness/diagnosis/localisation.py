@@ -40,7 +40,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.candidates import KNOTS, Library, Mapped, hats
+from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -60,6 +60,7 @@ from stiffness.effects.jacobian import (
     hstack,
     mixture,
 )
+from stiffness.effects.residual_map import KNOTS, hats
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import (
     NormalEquations,

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE
-from stiffness.diagnosis.candidates import GenericTerm, Library
+from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.sufficient_statistics import (
     Augmented,
     SufficientStatistics,
@@ -38,6 +38,7 @@ from stiffness.effects.jacobian import (
     orthogonal_to,
     share_along,
 )
+from stiffness.effects.residual_map import GenericTerm
 from stiffness.effects.statics import springs_of
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import (

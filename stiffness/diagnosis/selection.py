@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.shared.settings import SETTINGS
-from stiffness.diagnosis.candidates import Library, is_course
+from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.gate import (
     PoseStatistics,
     drop_one_gains,
@@ -71,6 +71,7 @@ from stiffness.diagnosis.search import (
     with_generic_terms,
     with_part_less,
 )
+from stiffness.effects.residual_map import is_course
 from stiffness.regression.group_selection import (
     LIVE,
     GroupSelection,

@@ -26,14 +26,6 @@ from bench.instruments import Instruments
 from bench.rig import Rig
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
-from stiffness.diagnosis.candidates import (
-    KNOTS,
-    TOLD_APART,
-    GenericTerm,
-    _from_zero,
-    _told_apart,
-    residual_map,
-)
 from stiffness.diagnosis.detection import ResidualEquations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import is_local
@@ -80,6 +72,14 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.marker_slip import MarkerSlip
+from stiffness.effects.residual_map import (
+    KNOTS,
+    TOLD_APART,
+    GenericTerm,
+    _from_zero,
+    _told_apart,
+    residual_map,
+)
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.regression.testing import SIGNIFICANCE
 

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import prepared
 
-from stiffness.diagnosis.candidates import GenericTerm
 from stiffness.diagnosis.joint_fit import (
     Layout,
     OperatingPoint,
@@ -36,6 +35,7 @@ from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.jacobian import mixture, turn, values
 from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.residual_map import GenericTerm
 
 NONE = np.zeros(0)
 

@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 from small_bench import FEW, arm, prepared, recording
 
 from bench.shared.recording import Recording
-from stiffness.diagnosis.candidates import (
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects.jacobian import values
+from stiffness.effects.residual_map import (
     COLUMNS,
     along_circles,
     errors_of_tracker,
     upright,
 )
-from stiffness.diagnosis.diagnose import diagnose
-from stiffness.effects.jacobian import values
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.tracker_frame import TrackerFit
 
