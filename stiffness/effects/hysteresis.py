@@ -156,6 +156,25 @@ def spread_stop(
     return np.sum(one, axis=0) / sum(SPREAD)
 
 
+def stops_of(
+    situation: StaticState,
+    values: Float[np.ndarray, " rows"],
+    slips: Float[np.ndarray, " slips"],
+) -> Float[np.ndarray, "rows slips"]:
+    """Return stops of any value over each visit, from rest at its first, in -1 … 1.
+
+    Args:
+        situation: With the order of rows.
+        values: What is followed.
+        slips: Half widths of the plays, in the value's unit.
+    """
+    path = values[situation.steps]
+    still = np.zeros((len(slips), len(path)))
+    found = _states(path, path[:, 0], still, slipped(slips))
+    laws = [situation.from_steps(law) for law in np.moveaxis(found, 0, -1)]
+    return np.stack(laws, axis=1) / slips
+
+
 def _stops(
     situation: StaticState, axis: int, slips: Float[np.ndarray, " slips"], memory: int
 ) -> Float[np.ndarray, "slips rows"]:

@@ -17,9 +17,10 @@ A map of everything that could be left over belongs to no hypothesis and names n
 
 Columns of a place: torque in knots for loading and for unloading, torque with the
 axis' angle, with time, with axial force, with what it was a row before and how long it
-has stood; moments across the axis; all that forces and moments on the place may turn or
-move linearly; and, between visits, the place's own small constant motions, the axis'
-angle in harmonics, a course of the base in time and the tracker's own errors.
+has stood; moments across the axis and what friction holds back of them; all that forces
+and moments on the place may turn or move linearly; and, between visits, the place's own
+small constant motions, the axis' angle in harmonics, a course of the base in time and
+the tracker's own errors.
 
 ==========  ==========================================================================
 Equation    compliance: (shift, turn) = C (F, M), C symmetric, without the axis' own
@@ -42,6 +43,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, marked_point
+from stiffness.effects.hysteresis import SLIPS, stops_of
 from stiffness.effects.jacobian import (
     NOTHING,
     BodyTwist,
@@ -288,6 +290,9 @@ def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
     blocks.append(
         MapBlock(where, "tilt", "load", EffectJacobian(rotation.shape[2], (tilt,)))
     )
+    lag = rotate(place, _lagging(situation, across, moment), situation.origin[:, place])
+    friction = EffectJacobian(lag.twist.shape[2], (lag,))
+    blocks.append(MapBlock(where, "friction", "history", friction))
     blocks.append(MapBlock(where, "compliance", "load", _compliance(situation, place)))
     blocks.append(MapBlock(where, "geometry", "geometry", _constant(situation, place)))
     parent = situation.arm.chain.parent
@@ -351,6 +356,21 @@ def _one_sided(
     even = np.abs(moment @ np.stack([np.cos(about), np.sin(about)]))
     columns = across[:, :, :, None] * even[:, None, None, :]
     return columns.reshape(len(moment), 3, -1)
+
+
+def _lagging(
+    situation: StaticState,
+    across: Float[np.ndarray, "rows 3 2"],
+    moment: Float[np.ndarray, "rows 2"],
+) -> Float[np.ndarray, "rows 3 columns"]:
+    """Return rotations about both directions by what friction holds of each moment."""
+    columns = []
+    for j, own in enumerate(moment.T):
+        path = own[situation.steps]
+        largest = max(float(np.max(np.abs(path - path[:, :1]))), 1e-9)
+        stops = stops_of(situation, own, np.array(SLIPS) * largest)
+        columns.append(across[:, :, j, None] * stops[:, None, :])
+    return np.concatenate(columns, axis=2)
 
 
 def _told_apart(
@@ -448,7 +468,11 @@ def _of_base(situation: StaticState) -> list[MapBlock]:
         for t in slow.T
         for law in (translate, lambda p, r: rotate(p, r, origin))
     ]
-    found = [block("load", "load", loads + shifts)]
+    lag = _lagging(situation, eye[:, :, :2], situation.moment[:, 0, :2])
+    found = [
+        block("load", "load", loads + shifts),
+        block("friction", "history", [rotate(0, lag, origin)]),
+    ]
     if drift:
         found.append(block("time", "time", drift))
     if quick.shape[1] > slow.shape[1]:

@@ -56,10 +56,13 @@ from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base import Hypothesis, marked_point
 from stiffness.effects.base_compliance import BaseCompliance
+from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.creep import Creep
 from stiffness.effects.drift import Drift
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
+from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.jacobian import (
     BodyTwist,
     EffectJacobian,
@@ -67,6 +70,7 @@ from stiffness.effects.jacobian import (
     JointRotation,
     MarkerDisplacement,
     orthogonal_to,
+    rotate,
     translate,
     values,
 )
@@ -459,6 +463,35 @@ def test_a_link_that_grows_in_time_is_no_slip_of_many_marks(with_its_marks):
     assert names(found) == [("hysteresis", "a4")]
     assert found.unexplained_places[0].where == "link_2"
     assert found.unexplained_places[0].depends_on == ("time",)
+
+
+@pytest.mark.parametrize(("where", "compliance"), [("base", 1e-6), ("a4", 1e-5)])
+def test_friction_in_a_foot_or_bearing_is_no_hysteresis_of_a_gear(where, compliance):
+    """By Dahl's law 1968, dz = (1 - z sign(dm)) dm / r, of which no column is."""
+    here, true = prepared().situation, "hardening@a3,stiffness_ratio=1.5,torque_nm=40"
+    place = 0 if where == "base" else here.axis(where) + 1
+    across = here.seat[:, place, :, :2]
+    moment = np.einsum("rij,ri->rj", across, here.moment[:, place])
+    held = np.zeros_like(moment)
+    for j in range(2):
+        path = moment[:, j][here.steps]
+        slip, z = 0.2 * np.ptp(path, axis=1).max(), np.zeros(len(path))
+        states = [z]
+        for change in np.diff(path, axis=1).T:
+            end = np.sign(change)
+            z = end + (z - end) * np.exp(-np.abs(change) / slip)
+            states.append(z)
+        held[:, j] = here.from_steps(slip * np.stack(states, axis=1))
+    lags = np.einsum("rij,rj->ri", across, compliance * (moment - held))
+    law = rotate(place, lags[:, :, None], here.origin[:, place])
+    laws = (*GEAR, Hysteresis(), Creep(), BaseCompliance(), BearingTilt())
+    made = moved_by(EffectJacobian(1, (law,)), np.ones(1), true)
+    found = diagnose(made, arm(), laws)
+    local = {"base": "base_compliance"}.get(where, "bearing_tilt")
+    assert {("hardening", "a3")} <= set(names(found))
+    assert set(names(found)) <= {("hardening", "a3"), (local, where)}
+    assert found.unexplained_places[0].where == where
+    assert "history" in found.unexplained_places[0].depends_on
 
 
 @pytest.mark.parametrize(
