@@ -239,9 +239,12 @@ _ALL = (
         "link_bending",
         "structure",
         ("link",),
-        tuple(
-            Parameter(name, "magnitude", Range(1.8e5, 7e5, TUBES), stiffness=True)
-            for name in ("bending_nm2", "torsion_nm2")
+        (
+            *(
+                Parameter(name, "magnitude", Range(1.8e5, 7e5, TUBES), stiffness=True)
+                for name in ("bending_nm2", "torsion_nm2")
+            ),
+            *_shapes("bending_ratio"),
         ),
         ("load",),
         BOTH,

@@ -30,6 +30,7 @@ from stiffness.effects.stretched_spring import StretchedSpring
 from stiffness.effects.tracker_misalignment import TrackerMisalignment
 from stiffness.effects.tracker_scale import TrackerScale
 from stiffness.effects.transmission_error import TransmissionError
+from stiffness.effects.unequal_bending import UnequalBending
 from stiffness.effects.wrench_bias import WrenchBias
 from stiffness.effects.wrench_gain import WrenchGain
 from stiffness.effects.wrench_misalignment import WrenchMisalignment
@@ -50,6 +51,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     HardeningTilt(),
     AskewTilt(),
     LinkBending(),
+    UnequalBending(),
     BaseTilt(),
     BaseCompliance(),
     AskewBase(),
@@ -78,7 +80,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 """Every hypothesis that can be named.
 
 Laws may share a name: `BearingTilt`, `HardeningTilt` and `AskewTilt`; `BaseTilt`,
-`BaseCompliance` and `AskewBase`; `GravityCompensator` and `StretchedSpring`.
+`BaseCompliance` and `AskewBase`; `LinkBending` and `UnequalBending`;
+`GravityCompensator` and `StretchedSpring`.
 """
 
 if missing := {law.effect for law in HYPOTHESES} - CATALOGUE.keys():

@@ -7,9 +7,12 @@ Equation    with L w from axis to axis, F and M of everything beyond on its end:
             a marker at x on the beam, r beside it: b (x²/2 (L - x/3) F_across + x²/2 M
             x w) + (b (x (L - x/2) w x F + x M_across) + t x (w . M) w) x r
 Source      Euler-Bernoulli beam: Gere, Timoshenko 1997, "Mechanics of materials", beams
+            between two directions a, c across: as about a alone, slope along a by the
+            moment about c and about c by that about a (`bending`)
 Valid       a slender link, equal in all directions across
 Ignores     shear, stretch, the bend under the link's own weight; bearings away from the
-            origins of the model's joints
+            origins of the model's joints; sections unequal across (its variants;
+            `unequal_bending`)
 ==========  ==========================================================================
 """
 
@@ -23,11 +26,11 @@ from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, inside_of
 from stiffness.effects.jacobian import (
-    NOTHING,
     BodyTwist,
     EffectJacobian,
     MarkerDisplacement,
     hstack,
+    mixture,
     rotate,
     translate,
 )
@@ -42,6 +45,13 @@ RANK = 1e-3
 chosen."""
 SHORTEST = 1e-3
 """Distance of two axes, in m, below which a link does not bend; chosen."""
+ACROSS = 0.5**0.5
+"""Part of a link's own axis across the link from which that axis tells how its section
+lies; chosen: nearer across than along."""
+EQUAL = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]).T
+"""Columns of `bending` that an equal section has together, and torsion."""
+UNEQUAL = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]).T
+"""What sections unequal across have beside."""
 
 
 @dataclass(frozen=True)
@@ -80,27 +90,14 @@ class LinkBending(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        ends = situation.ends_of(where)
-        place = ends[1]
-        tip = situation.origin[:, place]
-        length = np.linalg.norm(_beam(situation, ends), axis=1)
-        turned, moved = _bend(situation, ends, length[:, None])
-        both = rotate(place, turned, tip).twist + translate(place, moved).twist
-        carried = BodyTwist(place, both)
-        if not shape[0]:
-            return EffectJacobian(2, (carried,))
-        marks = _marks(situation, ends)
-        bent = {m: _on_beam(situation, ends, spot) for m, spot in marks.items()}
-        return EffectJacobian(2, (carried, *_of_marks(situation, ends, marks, bent)))
+        return mixture(bending(situation, where, bool(shape[0])), EQUAL)
 
     @override
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        if not self._marked(situation, where):
-            return NOTHING
-        ends = situation.ends_of(where)
-        return hstack([_hinge(situation, ends, share) for share in HINGES])
+        unequal = mixture(bending(situation, where, bool(shape[0])), UNEQUAL)
+        return hstack([unequal, *hinges(situation, where)])
 
     def _marked(self, situation: StaticState, where: str) -> bool:
         return bool(_marks(situation, situation.ends_of(where)))
@@ -111,6 +108,58 @@ class LinkBending(Hypothesis):
     ) -> Mapping[str, float]:
         bending, torsion = coefficients
         return {"bending_nm2": 1.0 / bending, "torsion_nm2": 1.0 / torsion}
+
+
+def bending(situation: StaticState, where: str, within: bool) -> EffectJacobian:
+    """Return the Jacobian of a beam: about u, about v, between them, and torsion.
+
+    Per unit of 1/EI and 1/GJ. Of the two directions across the link, u is the one of
+    its own axis, or of the next where the link lies along its own; v = w x u.
+
+    Args:
+        situation: Static state of the arm.
+        where: The link.
+        within: Whether its markers move with the part of it that they are on.
+    """
+    ends = situation.ends_of(where)
+    place = ends[1]
+    tip = situation.origin[:, place]
+    length = np.linalg.norm(_beam(situation, ends), axis=1)
+    turned, moved = _bend(situation, ends, length[:, None])
+    both = rotate(place, turned, tip).twist + translate(place, moved).twist
+    carried = BodyTwist(place, both)
+    if not within:
+        return EffectJacobian(4, (carried,))
+    marks = _marks(situation, ends)
+    bent = {m: _on_beam(situation, ends, spot) for m, spot in marks.items()}
+    return EffectJacobian(4, (carried, *_of_marks(situation, ends, marks, bent)))
+
+
+def hinges(situation: StaticState, where: str) -> list[EffectJacobian]:
+    """Return a link that bends at single points; none where no marker would tell."""
+    ends = situation.ends_of(where)
+    if not _marks(situation, ends):
+        return []
+    return [_hinge(situation, ends, share) for share in HINGES]
+
+
+def across_beam(
+    situation: StaticState, ends: tuple[int, int], w: Float[np.ndarray, "rows 3"]
+) -> tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"]]:
+    """Return the two directions u and v across a link that lies along w.
+
+    A casting is alike on both sides of the plane in which its axis swings it.
+    """
+    axes = situation.frame[:, ends[0], :, 2], situation.seat[:, ends[1], :, 2]
+    own = axes[0] - w * np.sum(w * axes[0], axis=1, keepdims=True)
+    along = np.linalg.norm(own[0]) < ACROSS
+    z = axes[1] if along else axes[0]
+    u = z - w * np.sum(w * z, axis=1, keepdims=True)
+    if np.linalg.norm(u[0]) < SHORTEST:  # both axes lie along it
+        z = situation.frame[:, ends[0], :, 0]
+        u = z - w * np.sum(w * z, axis=1, keepdims=True)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u, cross(w, u)
 
 
 def _beam(situation: StaticState, ends: tuple[int, int]) -> Float[np.ndarray, "rows 3"]:
@@ -191,8 +240,8 @@ def _on_beam(
     situation: StaticState,
     ends: tuple[int, int],
     marker_position: Float[np.ndarray, "3"],
-) -> Float[np.ndarray, "rows 3 2"]:
-    """Return a point's displacement on a link, in m per unit of 1/EI and 1/GJ."""
+) -> Float[np.ndarray, "rows 3 4"]:
+    """Return a point's displacement on a link, in m, by the columns of `bending`."""
     beam = _beam(situation, ends)
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
@@ -204,15 +253,23 @@ def _on_beam(
 
 def _bend(
     situation: StaticState, ends: tuple[int, int], x: Float[np.ndarray, "rows 1"]
-) -> tuple[Float[np.ndarray, "rows 3 2"], Float[np.ndarray, "rows 3 2"]]:
-    """Return slope and deflection of a link x from its axis, per 1/EI and 1/GJ."""
+) -> tuple[Float[np.ndarray, "rows 3 4"], Float[np.ndarray, "rows 3 4"]]:
+    """Return slope and deflection of a link x from its axis, as in `bending`."""
     beam = _beam(situation, ends)
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
     force, moment = situation.force[:, ends[1]], situation.moment[:, ends[1]]
-    twist = w * np.sum(w * moment, axis=1, keepdims=True)
-    across = force - w * np.sum(w * force, axis=1, keepdims=True)
-    slope = x * (length - x / 2) * cross(w, force) + x * (moment - twist)
-    sag = x**2 / 2 * ((length - x / 3) * across + cross(moment, w))
-    turned = np.stack([slope, x * twist], axis=2)
-    return turned, np.stack([sag, np.zeros_like(sag)], axis=2)
+    two = np.stack(across_beam(situation, ends, w), axis=2)
+    slope = x * (length - x / 2) * cross(w, force) + x * moment
+    sag = x**2 / 2 * ((length - x / 3) * force + cross(moment, w))
+    away = np.cross(two, w[:, :, None], axis=1)  # where a turn about each moves the end
+    about, aside = (
+        np.einsum("ri,rij->rj", law, along)[:, None]
+        for law, along in ((slope, two), (sag, away))
+    )
+    twist = x * w * np.sum(w * moment, axis=1, keepdims=True)
+    swapped = np.sum(two * about[:, :, ::-1], axis=2, keepdims=True)
+    turned = np.concatenate([two * about, swapped, twist[:, :, None]], axis=2)
+    swapped = np.sum(away * aside[:, :, ::-1], axis=2, keepdims=True)
+    none = np.zeros_like(swapped)
+    return turned, np.concatenate([away * aside, swapped, none], axis=2)

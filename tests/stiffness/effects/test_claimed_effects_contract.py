@@ -26,6 +26,7 @@ from stiffness.effects.jacobian import (
     JointRotation,
     values,
 )
+from stiffness.effects.link_bending import LinkBending
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import Interval
 from stiffness.robot.tracker_frame import TrackerFit
@@ -45,7 +46,7 @@ VOCABULARY = {
     "wrist_coupling": {"compliance_rad_per_nm", "with"},
     "encoder_offset": {"offset_rad"},
     "reading_lag": {"lag_rad", "share_lag_rad"},
-    "link_bending": {"bending_nm2", "torsion_nm2"},
+    "link_bending": {"bending_nm2", "torsion_nm2", "bending_ratio"},
     "gravity_load": {"mass_kg", "com_x_m", "com_y_m", "com_z_m"}
     | {f"moment_{axis}_kg_m" for axis in "xyz"},
     "mass_scale": {"ratio"},
@@ -105,7 +106,8 @@ def test_every_effect_of_the_vocabulary_has_a_hypothesis_and_no_other_has():
 
 
 def test_every_file_states_equation_source_validity_and_what_it_ignores():
-    files = python_files("stiffness/effects")
+    generic = "stiffness/effects/residual_map.py"  # no law: whatever a place may do
+    files = [file for file in python_files("stiffness/effects") if file != generic]
     held = [file for file in files if re.search(r"\(Hypothesis\):", text(file))]
     assert len(held) == len(HYPOTHESES)
     for file in held:
@@ -454,7 +456,7 @@ def test_link_bends_by_the_cubed_length_over_three():
     force, moment = np.zeros_like(situation.force), np.zeros_like(situation.moment)
     force[:, 3] = across
     loaded = replace(situation, force=force, moment=moment)
-    bend = truth.BY_NAME["link_bending"].jacobian(loaded, "link_2", np.zeros(1))
+    bend = LinkBending().jacobian(loaded, "link_2", np.zeros(1))
     twist = values(bend.parts[0])
     length = np.linalg.norm(along, axis=1)[0]
     assert_allclose(length, 0.560, atol=1e-3)

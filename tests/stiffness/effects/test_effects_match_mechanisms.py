@@ -116,12 +116,17 @@ def test_columns_are_what_the_mechanism_does(effect, shape, springs):
         (BearingTilt("a2", 1e-6, 5e-7, 0.1, 4e-7), 0.1),
         (BearingTilt("a4", 5e-7, 1e-6, 0.0, -6e-7), 0.0),
         (BaseCompliance("base", 3e-7, 5e-7, 2e-7, 1e-8, 2e-8, 3e-8, 2e-7, -0.1), -0.1),
+        *(
+            (LinkBending(f"link_{k}", 4e5, 5e5, 0.4, within), within)
+            for k in (1, 2, 3, 4, 5)
+            for within in (0, 1)
+        ),
     ],
     ids=label,
 )
-def test_columns_are_what_springs_askew_do(effect, height):
+def test_columns_are_what_springs_unequal_across_do(effect, height):
     done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
-    law, at = truth.BY_NAME[effect.name], (effect.where, np.array([height]))
+    law, at = truth.BY_NAME[effect.name], (effect.where, np.array([float(height)]))
     design = truth.moved(truth.situation(), law.jacobian(truth.situation(), *at))
     design = design.reshape(-1, design.shape[3])
     size = np.linalg.norm(design, axis=0)

@@ -217,6 +217,24 @@ def test_bearing_that_grows_stiffer_has_one_name_and_all_sizes(where, ratio, kne
     assert entry.parameters == {n: p.estimate for n, p in one.parameters.items()}
 
 
+@pytest.mark.parametrize("ratio", [0.3, 3.0])
+def test_link_that_bends_more_one_way_has_one_name_and_all_sizes(ratio):
+    """And the patch holds them; an equal section left the rest to a bearing nearby."""
+    true = {"bending_nm2": 2e5, "torsion_nm2": 2e5, "bending_ratio": ratio}
+    sizes = ",".join(f"{k}={v}" for k, v in true.items())
+    made = recording(f"link_bending@link_2,{sizes}")
+    found = diagnose(made, arm(), HYPOTHESES)
+    [one] = found.named
+    assert one.name == Name("link_bending", "link_2")
+    assert found.verdict == "explained"
+    for parameter, size in true.items():
+        held = one.parameters[parameter]
+        assert held.low - 0.05 * size < size < held.high + 0.05 * size
+        assert held.high - held.low < 0.4 * size
+    [entry] = patch_of_diagnosis(found, made, arm()).effects
+    assert entry.parameters == {n: p.estimate for n, p in one.parameters.items()}
+
+
 @pytest.mark.parametrize("axis", [3, 4])
 def test_bearing_whose_rollers_carry_the_whole_moment_takes_no_other_name(axis):
     """A play in any direction across the axis, taken up smoothly."""
