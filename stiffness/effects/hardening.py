@@ -33,8 +33,9 @@ MIDDLE_SIGMA, SECOND_SIGMA = 0.06, 0.17
 ROUND = 0.1
 """Width over which a knee is rounded, over its torque; chosen: teeth engage one by
 one."""
-KNEES = (0.08, 0.12, 0.2, 0.32, 0.5, 0.75)
-"""T1 over the axis' largest torque; chosen: a knee below would be lost motion."""
+KNEES = (0.025, 0.045, 0.08, 0.12, 0.2, 0.32, 0.5, 0.75)
+"""T1 over the axis' largest torque; chosen: gravity may wind a gear up by forty times
+T1, and a knee below would be lost motion. The smooth law's stand twice as far apart."""
 ARCTAN = 1.2
 """s of the smooth law: its torque scale over T1."""
 LEAST = 1e-9
@@ -66,7 +67,11 @@ class Hardening(Hypothesis):
     def shapes(self, situation: StaticState, where: str) -> Shapes:
         largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
         return np.array(
-            [(largest * knee, law) for law in (PIECES, SMOOTH) for knee in KNEES]
+            [
+                (largest * knee, law)
+                for law, knees in ((PIECES, KNEES), (SMOOTH, KNEES[1::2]))
+                for knee in knees
+            ]
         )
 
     @override

@@ -217,6 +217,22 @@ def test_bearing_that_grows_stiffer_has_one_name_and_all_sizes(where, ratio, kne
     assert entry.parameters == {n: p.estimate for n, p in one.parameters.items()}
 
 
+@pytest.mark.parametrize(("axis", "share"), [("a2", 0.04), ("a3", 0.05), ("a4", 0.06)])
+def test_gear_whose_knee_lies_low_is_no_play(axis, share):
+    """Gravity winds it up by twenty times T1; r and m of a gear of size 32."""
+    here, k = prepared().situation, prepared().situation.axis(axis)
+    torque = here.torque[:, k]
+    knee = share * float(np.abs(torque).max())
+    first, second = (np.clip(torque, -x, x) for x in (knee, 3.72 * knee))
+    turned = 0.8 * here.compliance[k] * (0.81 * first + 0.19 * second)
+    laws = (*GEAR, Hysteresis(), BearingTilt())
+    found = diagnose(moved_by(turn(k, turned), np.ones(1)), arm(), laws)
+    [one] = found.named
+    assert one.name == Name("hardening", axis)
+    assert found.verdict == "explained"
+    assert one.parameters["torque_nm"].estimate == pytest.approx(knee, rel=0.2)
+
+
 @pytest.mark.parametrize("ratio", [0.3, 3.0])
 def test_link_that_bends_more_one_way_has_one_name_and_all_sizes(ratio):
     """And the patch holds them; an equal section left the rest to a bearing nearby."""
