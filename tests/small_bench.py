@@ -15,6 +15,7 @@ from bench.instruments.markers import Markers
 from bench.instruments.tracker import Tracker
 from bench.model_file import load, plain_mjcf
 from bench.rig import Rig
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.diagnose import diagnose
@@ -24,6 +25,7 @@ from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.result import Diagnosis
 from stiffness.diagnosis.search import generic_term
 from stiffness.diagnosis.selection import SelectedModel, search_model, with_exchanges
+from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.hardening import Hardening
@@ -34,6 +36,11 @@ from stiffness.robot.arm import Arm
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 SOFTER = 1.6  # true stiffness over the model's: the nuisance fit has to change it
 FEW = (Hardening(), Hysteresis(), BearingTilt(), EncoderOffset())
+MECHANICS = tuple(
+    law for law in HYPOTHESES if CATALOGUE[law.effect].family in ("gear", "structure")
+)
+"""All laws of gears, bearings, links and the foot: a diagnosis among them takes half as
+long as one among all."""
 
 
 @cache

@@ -55,7 +55,7 @@ def material(small):
 def test_how_many_poses_runs_small(experiment, tmp_path, monkeypatch):
     monkeypatch.setattr(paper_experiment, "carry_out", lambda *_: experiment)
     settings = how_many_poses.Settings(
-        tmp_path, (8, 25), 2, 1, 10, jobs=0, poses=POSES, effort=EFFORT
+        tmp_path, (8, 16), 2, 1, 10, jobs=0, poses=POSES, effort=EFFORT
     )
     rows = how_many_poses.main(settings)
     draws = {r["method"]: r["draws"] for r in rows}
@@ -66,7 +66,7 @@ def test_how_many_poses_runs_small(experiment, tmp_path, monkeypatch):
     mae = {
         r["method"]: float(str(r["value_mm"]))
         for r in rows
-        if (r["poses"], r["metric"]) == (25, "MAE")
+        if (r["poses"], r["metric"]) == (16, "MAE")
     }
     assert mae["named_physics"] < 0.5 * mae["vjm"]
     assert (tmp_path / "how_many_poses.png").exists()

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.testing import assert_allclose
-from small_bench import arm, nameless, prepared, recording, select_model
+from small_bench import MECHANICS, arm, nameless, prepared, recording, select_model
 
 from stiffness.diagnosis import selection
 from stiffness.diagnosis.diagnose import diagnose
@@ -140,7 +140,8 @@ def test_a_compensator_and_a_gear_that_hardens_are_named_at_one_axis():
         "hardening@a3,stiffness_ratio=1.52,torque_nm=19.6",
         poses=60,
     )
-    found = diagnose(seen, arm())
+    laws = (*MECHANICS, GravityCompensator(), GravityLoad(), TransmissionError())
+    found = diagnose(seen, arm(), laws)
     names = {(n.name.effect, n.name.where) for n in found.named}
     assert names == {("gravity_compensator", "a3"), ("hardening", "a3")}
 

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import (
     FEW,
+    MECHANICS,
     MODEL,
     arm,
     moved_by,
@@ -150,7 +151,7 @@ def test_a_linear_mechanism_without_a_name_takes_no_names_of_its_neighbours(
     known = parse_all(("hysteresis@a2", "bearing_tilt@a5"), rig.nominal)
     rig = replace(rig, effects=(*known, unknown))
     made = record(rig, table_one_plan(poses=40), Instruments(), seed=4)
-    found = diagnose(made, arm(), HYPOTHESES)
+    found = diagnose(made, arm(), MECHANICS)
     assert set(names(found)) <= {("hysteresis", "a2"), ("bearing_tilt", "a5")}
     assert ("hysteresis", "a2") in names(found)
     assert found.verdict == "partly_explained"
@@ -459,7 +460,8 @@ def test_a_link_that_grows_in_time_is_no_slip_of_many_marks(with_its_marks):
             part = np.sum(lever * along, axis=1) / np.sum(along**2, axis=1)
             parts.append(MarkerDisplacement(m, (part[:, None] * growth)[:, :, None]))
     law = EffectJacobian(1, tuple(parts))
-    found = diagnose(moved_by(law, np.ones(1), true), arm(), HYPOTHESES)
+    laws = (*MECHANICS, MarkerSlip(), Drift(), GravityLoad())
+    found = diagnose(moved_by(law, np.ones(1), true), arm(), laws)
     assert names(found) == [("hysteresis", "a4")]
     assert found.unexplained_places[0].where == "link_2"
     assert found.unexplained_places[0].depends_on == ("time",)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, arm, moved_by, prepared, recording
+from small_bench import FEW, MECHANICS, arm, moved_by, prepared, recording
 
 from bench.shared.recording import Recording
 from scenarios.pipelines.patching import patch_of_diagnosis
@@ -23,7 +23,6 @@ from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Name
-from stiffness.effects import HYPOTHESES
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.askew_base import AskewBase
 from stiffness.effects.askew_tilt import AskewTilt
@@ -205,7 +204,7 @@ def test_bearing_that_grows_stiffer_has_one_name_and_all_sizes(where, ratio, kne
     made = recording(
         ",".join([f"bearing_tilt@{where}", *(f"{k}={v}" for k, v in true.items())])
     )
-    found = diagnose(made, arm(), HYPOTHESES)
+    found = diagnose(made, arm(), MECHANICS)
     [one] = found.named
     assert one.name == Name("bearing_tilt", where)
     assert found.verdict == "explained"
@@ -239,7 +238,7 @@ def test_link_that_bends_more_one_way_has_one_name_and_all_sizes(ratio):
     true = {"bending_nm2": 2e5, "torsion_nm2": 2e5, "bending_ratio": ratio}
     sizes = ",".join(f"{k}={v}" for k, v in true.items())
     made = recording(f"link_bending@link_2,{sizes}")
-    found = diagnose(made, arm(), HYPOTHESES)
+    found = diagnose(made, arm(), MECHANICS)
     [one] = found.named
     assert one.name == Name("link_bending", "link_2")
     assert found.verdict == "explained"
@@ -261,7 +260,7 @@ def test_bearing_whose_rollers_carry_the_whole_moment_takes_no_other_name(axis):
     tilt = 2e-4 * about / np.maximum(whole, 1e-9) * np.tanh(whole / 3.0)
     turned = np.einsum("rij,rj->ri", across, tilt)[:, :, None]
     law = EffectJacobian(1, (rotate(place, turned, here.origin[:, place]),))
-    found = diagnose(moved_by(law, np.ones(1)), arm(), HYPOTHESES)
+    found = diagnose(moved_by(law, np.ones(1)), arm(), MECHANICS)
     assert [e.name for e in found.named] == [Name("bearing_tilt", f"a{axis + 1}")]
 
 
