@@ -15,7 +15,11 @@ from jaxtyping import Float, Int
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.design_matrix import Deferred, KeptColumns, deferred
 from stiffness.effects.jacobian import EffectJacobian
-from stiffness.effects.residual_map import GenericTerm, is_course, residual_map
+from stiffness.effects.residual_map import (
+    GenericTerm,
+    residual_map,
+    shows_everywhere,
+)
 from stiffness.effects.statics import springs_of
 from stiffness.experiment.static_state import StaticState
 
@@ -62,9 +66,9 @@ class Mapped:
         return GenericTerm(f"generic_{self.kind}", self.kind, self.depends_on)
 
     @property
-    def is_course(self) -> bool:
-        """Whether it is a course in time of the base or a link, whatever pulls."""
-        return is_course(self.where, (self.depends_on,))
+    def shows_everywhere(self) -> bool:
+        """Whether names at many places would share out what it does."""
+        return shows_everywhere(self.where, (self.depends_on,))
 
 
 @dataclass(frozen=True)

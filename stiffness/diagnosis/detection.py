@@ -475,8 +475,8 @@ def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> Detectio
     )
 
 
-def significant_blocks(case: SelectionProblem, fit: ModelFit) -> list[Mapped]:
-    """Return the blocks of the map that are significant beside a set.
+def blocks_beside(case: SelectionProblem, fit: ModelFit) -> list[tuple[Mapped, float]]:
+    """Return the blocks of the map with their p-values beside a set.
 
     A place's own constant motions are not asked: they have a name.
 
@@ -491,7 +491,7 @@ def significant_blocks(case: SelectionProblem, fit: ModelFit) -> list[Mapped]:
     white = white_scores(given.gram[0], given.score, beyond.known, columns, given.raw)
     tested = sign_flip_test(white, case.seed + 3)
     found = zip(some, tested.together, strict=True)
-    return [case.library.map.blocks[k] for k, p in found if p < SIGNIFICANCE]
+    return [(case.library.map.blocks[k], float(p)) for k, p in found]
 
 
 # --- Homogeneity over poses, loads, directions and times ------------------------------

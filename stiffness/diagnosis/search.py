@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.candidates import Library, Mapped
-from stiffness.diagnosis.detection import significant_blocks
+from stiffness.diagnosis.detection import blocks_beside
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
     WHOLE,
@@ -37,6 +37,7 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.relinearisation import is_load_of_one_axis
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian
+from stiffness.effects.residual_map import SENSOR
 from stiffness.regression.group_selection import (
     LIVE,
     RISES,
@@ -53,6 +54,7 @@ from stiffness.regression.group_sets import (
     GroupProblem,
 )
 from stiffness.regression.predictive_gate import Decision, Name
+from stiffness.regression.testing import SIGNIFICANCE
 
 # --- Normal equations of the search ---------------------------------------------------
 
@@ -383,8 +385,8 @@ def with_generic_terms(
     """
     fit = fit_model(case, terms)
     held = {term.name for term in terms}
-    generic = [generic_term(block) for block in significant_blocks(case, fit)]
-    generic = [term for term in generic if term.name not in held]
+    asked = [(generic_term(b), p) for b, p in blocks_beside(case, fit)]
+    generic = [t for t, p in asked if p < SIGNIFICANCE and t.name not in held]
     if not generic and not any(t.is_generic and not t.beyond for t in terms):
         return terms, ()
     search = Search.of(case, [*terms, *fine, *generic], refused)
@@ -395,6 +397,30 @@ def with_generic_terms(
         search = Search.of(case, [*first, *fine], refused)
         selected = select_groups(search.problem, range(len(first)))
     return fit_shapes(case, one_each(search, selected.groups)), selected.decisions
+
+
+def replaced_by_forms(
+    case: SelectionProblem, terms: Sequence[ModelTerm]
+) -> Decision | None:
+    """Return the refusal of a term of the sensor that forms of laws replace, if any.
+
+    It competes from the first, before any law may have another form than its own.
+
+    Args:
+        case: What may be looked at.
+        terms: The set, as it was gated.
+    """
+    for term in terms:
+        rest = [t for t in terms if t is not term]
+        if rest and term.is_generic and term.where == SENSOR:
+            every = blocks_beside(case, fit_model(case, rest))
+            p = next((p for b, p in every if generic_term(b).name == term.name), 0.0)
+            if p >= SIGNIFICANCE:
+                reason = "other forms of named laws explain as much"
+                return Decision(
+                    term.name, "other_forms", False, p, SIGNIFICANCE, reason
+                )
+    return None
 
 
 LEFT_BY_A_NAME = 0.1

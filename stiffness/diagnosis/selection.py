@@ -68,10 +68,11 @@ from stiffness.diagnosis.search import (
     loads_with_laws,
     of_the_same_kinds,
     one_each,
+    replaced_by_forms,
     with_generic_terms,
     with_part_less,
 )
-from stiffness.effects.residual_map import is_course
+from stiffness.effects.residual_map import shows_everywhere
 from stiffness.regression.group_selection import (
     LIVE,
     GroupSelection,
@@ -176,9 +177,8 @@ def search_model(
 ) -> SelectedModel:
     """Search the set that explains best, and withhold what does not hold.
 
-    Courses in time compete from the first, as many slips and drifts would share out
-    what no single one of them does. Other forms of a law come in with fine shapes: at
-    coarse ones a smooth hardening and a play may cancel each other.
+    What shows everywhere competes from the first: many names would share it out. Other
+    forms of a law come with fine shapes: coarse ones of two laws may cancel each other.
 
     Args:
         case: What may be looked at, as laid out where nothing is named.
@@ -188,8 +188,8 @@ def search_model(
     if start:
         point = layout.fitted_jointly(case, fit_model(case, start))
         return _searched_on(layout, point, point.fit.members)
-    courses = [generic_term(b) for b in case.library.map.blocks if b.is_course]
-    search = Search.of(case, courses, every_form=False)
+    common = [generic_term(b) for b in case.library.map.blocks if b.shows_everywhere]
+    search = Search.of(case, common, every_form=False)
     return _selected_under(layout, search, first_search(search.problem))
 
 
@@ -451,10 +451,12 @@ def _better_without_generic_terms(
 ) -> OperatingPoint:
     """Return names alone, searched in columns of a point, if they are worth more.
 
-    Generic terms took what columns were wrong by, too. Courses in time stay.
+    Generic terms took what columns were wrong by, too. What shows everywhere stays.
     """
     own = point.fit.members
-    some = [t for t in own if not t.is_generic or is_course(t.where, t.depends_on)]
+    some = [
+        t for t in own if not t.is_generic or shows_everywhere(t.where, t.depends_on)
+    ]
     if len(some) == len(own):
         return point
     case = layout.at(point)
@@ -521,6 +523,7 @@ def _judged(
         decisions += [*gated.decisions, *slight]
         terms = tuple(term for term in terms if term.name in gated.names)
         slightest = second_order_name(case, terms, gated)
+        slightest = slightest or replaced_by_forms(case, terms)
         if slightest is not None:
             decisions.append(slightest)
             terms = tuple(t for t in terms if t.name != slightest.candidate)

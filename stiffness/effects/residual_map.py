@@ -20,7 +20,8 @@ axis' angle, with time, with axial force, with what it was a row before and how 
 has stood; moments across the axis and what friction holds back of them; all that forces
 and moments on the place may turn or move linearly; and, between visits, the place's own
 small constant motions, the axis' angle in harmonics, a course of the base in time and
-the tracker's own errors.
+the tracker's own errors; what the force sensor's channels take up of each other, hold
+back and drift by.
 
 ==========  ==========================================================================
 Equation    compliance: (shift, turn) = C (F, M), C symmetric, without the axis' own
@@ -42,7 +43,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, marked_point
+from stiffness.effects.base import Hypothesis, absolute, marked_point, sprung
 from stiffness.effects.hysteresis import SLIPS, stops_of
 from stiffness.effects.jacobian import (
     NOTHING,
@@ -53,6 +54,12 @@ from stiffness.effects.jacobian import (
     MarkerDisplacement,
     rotate,
     translate,
+)
+from stiffness.effects.statics import (
+    along_sensor,
+    reading,
+    torque_at_sensor,
+    wind_up,
 )
 from stiffness.experiment.static_state import StaticState
 
@@ -132,6 +139,11 @@ HARMONICS = (1, 2, 3)
 TOLD_APART = 0.1
 """Part of the largest displacement of a generic law that each of its columns makes at
 least; chosen: a tenth is lost among what laws beside it may err by."""
+SENSOR = "wrench_sensor"
+NOISY, MOVED = 0.01, 0.03
+"""Noise of a channel over the largest that it read, from which columns of readings are
+of the same noise as the mismatch that it makes; and least change of a channel that
+tells loading from unloading: three times that. Chosen."""
 DIRECTIONS = 4
 """Directions of a moment, half a turn together; chosen: one is never far."""
 
@@ -194,9 +206,14 @@ class GenericTerm(Hypothesis):
         return {}
 
 
-def is_course(where: str, depends_on: tuple[str, ...]) -> bool:
-    """Return whether columns are a course in time of the base or a link."""
-    return depends_on == ("time",) and not where.startswith("a")
+def shows_everywhere(where: str, depends_on: tuple[str, ...]) -> bool:
+    """Return whether names at many places would share out what columns do.
+
+    A course in time of the base or a link, whatever pulls, and what channels of the
+    force sensor take up of each other, to which all axes seem to respond.
+    """
+    is_course = depends_on == ("time",) and not where.startswith("a")
+    return is_course or where == SENSOR
 
 
 @lru_cache(maxsize=2)
@@ -208,7 +225,7 @@ def residual_map(situation: StaticState) -> tuple[MapBlock, ...]:
     seen = errors_of_tracker(situation)
     if seen.columns:
         blocks.append(MapBlock("tracker", "tracker", "geometry", seen))
-    return tuple(blocks)
+    return (*blocks, *_of_sensor(situation))
 
 
 def hats(values: np.ndarray, knots: int) -> Float[np.ndarray, "rows knots"]:
@@ -438,6 +455,58 @@ def _warming(situation: StaticState, link: int, place: int) -> MapBlock:
             parts.append(MarkerDisplacement(m, shift))
     law = EffectJacobian(twist.shape[2], tuple(parts))
     return MapBlock(f"link_{link}", "warming", "time", law)
+
+
+def _of_sensor(situation: StaticState) -> list[MapBlock]:
+    """Return what axes' springs do where the force sensor errs.
+
+    By what each channel takes up of each, its 6 x 6 matrix of gains and crosstalk, and
+    by its own square; by what it holds back of its own changes; by how its zero goes.
+    Per share of the largest force and of the largest moment that were read. Nothing of
+    channels that are `NOISY`.
+    """
+    if situation.recording.wrench is None or not sprung(situation):
+        return []
+    read = reading(situation)
+    size = np.linalg.norm(read.reshape(-1, 2, 3), axis=2).max(axis=0)
+    full = np.repeat(np.maximum(size, LEAST), 3)
+    spec = situation.recording.wrench_sensor
+    sigma = np.zeros(6) if spec is None else spec.sigma
+    each, own = np.arange(6), np.flatnonzero(sigma <= NOISY * full)
+    share = (read / full)[:, own]
+    side = _loading(situation, share)
+    lags = np.concatenate([side, side * np.abs(share)], axis=1)
+    zero = hats(situation.recording.time, GROWTH)[:, 1:]
+    laws = (
+        ("channels", "load", np.tile(each, len(own)), np.repeat(share, 6, axis=1)),
+        ("square", "load", own, share * np.abs(share)),
+        ("lag", "history", np.tile(own, 2), lags),
+        ("zero", "time", np.repeat(own, zero.shape[1]), np.tile(zero, len(own))),
+    )
+    blocks = []
+    for kind, depends_on, to, law in (of_kind for of_kind in laws if len(of_kind[2])):
+        wrong = np.zeros((situation.rows, 6, len(to)))
+        wrong[:, to, np.arange(len(to))] = full[to] * law
+        torque = torque_at_sensor(situation, along_sensor(situation, wrong))
+        blocks.append(MapBlock(SENSOR, kind, depends_on, wind_up(situation, torque)))
+    return blocks
+
+
+def _loading(
+    situation: StaticState, share: Float[np.ndarray, "rows channels"]
+) -> Float[np.ndarray, "rows channels"]:
+    """Return to which side channels moved last, -1 … 1: what holds back is behind.
+
+    A stop would follow the noise of the reading, of which the mismatch is made.
+    """
+    sides = []
+    for path in (channel[situation.steps] for channel in share.T):
+        side, last = np.zeros_like(path), np.zeros(len(path))
+        for i, rise in enumerate(np.diff(path, axis=1).T, start=1):
+            last = np.where(np.abs(rise) > MOVED, np.sign(rise), last)
+            side[:, i] = last
+        sides.append(situation.from_steps(side))
+    return np.stack(sides, axis=1) if sides else share
 
 
 def _of_base(situation: StaticState) -> list[MapBlock]:
