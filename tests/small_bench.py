@@ -39,8 +39,7 @@ FEW = (Hardening(), Hysteresis(), BearingTilt(), EncoderOffset())
 MECHANICS = tuple(
     law for law in HYPOTHESES if CATALOGUE[law.effect].family in ("gear", "structure")
 )
-"""All laws of gears, bearings, links and the foot: a diagnosis among them takes half as
-long as one among all."""
+"""All laws of gears, bearings, links and the foot, without those of instruments."""
 
 
 @cache

@@ -156,23 +156,24 @@ def spread_stop(
     return np.sum(one, axis=0) / sum(SPREAD)
 
 
-def stops_of(
+def along_visits(
     situation: StaticState,
     values: Float[np.ndarray, " rows"],
-    slips: Float[np.ndarray, " slips"],
-) -> Float[np.ndarray, "rows slips"]:
-    """Return stops of any value over each visit, from rest at its first, in -1 … 1.
+    moved: "Moved",
+    laws: int,
+) -> Float[np.ndarray, "rows laws"]:
+    """Return states that follow any value over each visit, from 0 at its first row.
 
     Args:
         situation: With the order of rows.
         values: What is followed.
-        slips: Half widths of the plays, in the value's unit.
+        moved: How states follow it.
+        laws: How many there are.
     """
     path = values[situation.steps]
-    still = np.zeros((len(slips), len(path)))
-    found = _states(path, path[:, 0], still, slipped(slips))
-    laws = [situation.from_steps(law) for law in np.moveaxis(found, 0, -1)]
-    return np.stack(laws, axis=1) / slips
+    found = _states(path, path[:, 0], np.zeros((laws, len(path))), moved)
+    each = [situation.from_steps(law) for law in np.moveaxis(found, 0, -1)]
+    return np.stack(each, axis=1)
 
 
 def _stops(

@@ -48,6 +48,8 @@ SHORTEST = 1e-3
 ACROSS = 0.5**0.5
 """Part of a link's own axis across the link from which that axis tells how its section
 lies; chosen: nearer across than along."""
+ALONG = 1e-3
+"""Part of an axis across a link below which it tells no direction there; chosen."""
 EQUAL = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]).T
 """Columns of `bending` that an equal section has together, and torsion."""
 UNEQUAL = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]).T
@@ -84,7 +86,8 @@ class LinkBending(Hypothesis):
 
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
-        return np.array([[0.0], [1.0]] if self._marked(situation, where) else [[0.0]])
+        marked = bool(_marks(situation, situation.ends_of(where)))
+        return np.array([[0.0], [1.0]] if marked else [[0.0]])
 
     @override
     def jacobian(
@@ -98,9 +101,6 @@ class LinkBending(Hypothesis):
     ) -> EffectJacobian:
         unequal = mixture(bending(situation, where, bool(shape[0])), UNEQUAL)
         return hstack([unequal, *hinges(situation, where)])
-
-    def _marked(self, situation: StaticState, where: str) -> bool:
-        return bool(_marks(situation, situation.ends_of(where)))
 
     @override
     def parameters(
@@ -143,22 +143,19 @@ def hinges(situation: StaticState, where: str) -> list[EffectJacobian]:
     return [_hinge(situation, ends, share) for share in HINGES]
 
 
-def across_beam(
+def _across(
     situation: StaticState, ends: tuple[int, int], w: Float[np.ndarray, "rows 3"]
 ) -> tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"]]:
     """Return the two directions u and v across a link that lies along w.
 
     A casting is alike on both sides of the plane in which its axis swings it.
     """
-    axes = situation.frame[:, ends[0], :, 2], situation.seat[:, ends[1], :, 2]
-    own = axes[0] - w * np.sum(w * axes[0], axis=1, keepdims=True)
-    along = np.linalg.norm(own[0]) < ACROSS
-    z = axes[1] if along else axes[0]
-    u = z - w * np.sum(w * z, axis=1, keepdims=True)
-    if np.linalg.norm(u[0]) < SHORTEST:  # both axes lie along it
-        z = situation.frame[:, ends[0], :, 0]
-        u = z - w * np.sum(w * z, axis=1, keepdims=True)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    own, seat = situation.frame[:, ends[0]], situation.seat[:, ends[1]]
+    axes = own[:, :, 2], seat[:, :, 2], own[:, :, 0]  # the last where both lie along
+    across = [z - w * np.sum(w * z, axis=1, keepdims=True) for z in axes]
+    first, second, _ = (np.linalg.norm(one[0]) for one in across)
+    u = across[0 if first >= ACROSS else 1 if second >= ALONG else 2]
+    u = u / np.linalg.norm(u, axis=1, keepdims=True)
     return u, cross(w, u)
 
 
@@ -259,7 +256,7 @@ def _bend(
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
     force, moment = situation.force[:, ends[1]], situation.moment[:, ends[1]]
-    two = np.stack(across_beam(situation, ends, w), axis=2)
+    two = np.stack(_across(situation, ends, w), axis=2)
     slope = x * (length - x / 2) * cross(w, force) + x * moment
     sag = x**2 / 2 * ((length - x / 3) * force + cross(moment, w))
     away = np.cross(two, w[:, :, None], axis=1)  # where a turn about each moves the end

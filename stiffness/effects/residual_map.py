@@ -44,7 +44,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, marked_point, sprung
-from stiffness.effects.hysteresis import SLIPS, stops_of
+from stiffness.effects.hysteresis import SLIPS, along_visits, slipped
 from stiffness.effects.jacobian import (
     NOTHING,
     BodyTwist,
@@ -55,12 +55,7 @@ from stiffness.effects.jacobian import (
     rotate,
     translate,
 )
-from stiffness.effects.statics import (
-    along_sensor,
-    reading,
-    torque_at_sensor,
-    wind_up,
-)
+from stiffness.effects.statics import misread, reading
 from stiffness.experiment.static_state import StaticState
 
 # --- Errors of a levelled tracker -----------------------------------------------------
@@ -140,6 +135,9 @@ TOLD_APART = 0.1
 """Part of the largest displacement of a generic law that each of its columns makes at
 least; chosen: a tenth is lost among what laws beside it may err by."""
 SENSOR = "wrench_sensor"
+LEAST_READ = 1e-3
+"""Least of the largest force and of the largest moment that were read, in N and N m:
+a smaller one is no scale; chosen."""
 NOISY, MOVED = 0.01, 0.03
 """Noise of a channel over the largest that it read, from which columns of readings are
 of the same noise as the mismatch that it makes; and least change of a channel that
@@ -385,7 +383,8 @@ def _lagging(
     for j, own in enumerate(moment.T):
         path = own[situation.steps]
         largest = max(float(np.max(np.abs(path - path[:, :1]))), 1e-9)
-        stops = stops_of(situation, own, np.array(SLIPS) * largest)
+        slips = np.array(SLIPS) * largest
+        stops = along_visits(situation, own, slipped(slips), len(slips)) / slips
         columns.append(across[:, :, j, None] * stops[:, None, :])
     return np.concatenate(columns, axis=2)
 
@@ -469,7 +468,7 @@ def _of_sensor(situation: StaticState) -> list[MapBlock]:
         return []
     read = reading(situation)
     size = np.linalg.norm(read.reshape(-1, 2, 3), axis=2).max(axis=0)
-    full = np.repeat(np.maximum(size, LEAST), 3)
+    full = np.repeat(np.maximum(size, LEAST_READ), 3)
     spec = situation.recording.wrench_sensor
     sigma = np.zeros(6) if spec is None else spec.sigma
     each, own = np.arange(6), np.flatnonzero(sigma <= NOISY * full)
@@ -485,10 +484,8 @@ def _of_sensor(situation: StaticState) -> list[MapBlock]:
     )
     blocks = []
     for kind, depends_on, to, law in (of_kind for of_kind in laws if len(of_kind[2])):
-        wrong = np.zeros((situation.rows, 6, len(to)))
-        wrong[:, to, np.arange(len(to))] = full[to] * law
-        torque = torque_at_sensor(situation, along_sensor(situation, wrong))
-        blocks.append(MapBlock(SENSOR, kind, depends_on, wind_up(situation, torque)))
+        done = misread(situation, to, full[to] * law)
+        blocks.append(MapBlock(SENSOR, kind, depends_on, done))
     return blocks
 
 
@@ -499,14 +496,14 @@ def _loading(
 
     A stop would follow the noise of the reading, of which the mismatch is made.
     """
-    sides = []
-    for path in (channel[situation.steps] for channel in share.T):
-        side, last = np.zeros_like(path), np.zeros(len(path))
-        for i, rise in enumerate(np.diff(path, axis=1).T, start=1):
-            last = np.where(np.abs(rise) > MOVED, np.sign(rise), last)
-            side[:, i] = last
-        sides.append(situation.from_steps(side))
-    return np.stack(sides, axis=1) if sides else share
+    sides = [along_visits(situation, one, _last_side, 1) for one in share.T]
+    return np.concatenate(sides, axis=1) if sides else share
+
+
+def _last_side(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Return the sign of the last change that is more than noise."""
+    change = now - before
+    return np.where(np.abs(change) > MOVED, np.sign(change), last)
 
 
 def _of_base(situation: StaticState) -> list[MapBlock]:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from stiffness.effects.base import point_of
 from stiffness.effects.jacobian import (
@@ -93,6 +93,24 @@ def torque_at_sensor(
     """Return the torques of wrenches at the sensor's origin, along the base's axes."""
     body = felt_body(situation.recording)
     return torque_of(situation, body, wrench[:, :3], wrench[:, 3:], situation.sensor)
+
+
+def misread(
+    situation: StaticState,
+    to: Int[np.ndarray, " columns"],
+    wrong: Float[np.ndarray, "rows columns"],
+) -> EffectJacobian:
+    """Return what sprung axes do where channels of the sensor take up more.
+
+    Args:
+        situation: Static state of the arm.
+        to: The channel of each column.
+        wrong: What that takes up, along the sensor's axes, in N or N m.
+    """
+    wrench = np.zeros((situation.rows, 6, len(to)))
+    wrench[:, to, np.arange(len(to))] = wrong
+    torque = torque_at_sensor(situation, along_sensor(situation, wrench))
+    return wind_up(situation, torque)
 
 
 def encoder_offset_response(situation: StaticState, k: int) -> EffectJacobian:

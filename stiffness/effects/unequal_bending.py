@@ -24,7 +24,7 @@ from stiffness.effects.jacobian import EffectJacobian, hstack, mixture
 from stiffness.effects.link_bending import LinkBending, bending, hinges
 from stiffness.experiment.static_state import StaticState
 
-EQUAL = LinkBending()
+PLAIN = LinkBending()
 EACH = np.eye(4)
 """Columns of `bending` one by one; the third couples both directions."""
 
@@ -44,11 +44,11 @@ class UnequalBending(Hypothesis):
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:
-        return EQUAL.places(situation)
+        return PLAIN.places(situation)
 
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
-        return EQUAL.shapes(situation, where)
+        return PLAIN.shapes(situation, where)
 
     @override
     def jacobian(
@@ -70,5 +70,5 @@ class UnequalBending(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         about, across, torsion = coefficients
-        equal = EQUAL.parameters(situation, where, shape, np.array([about, torsion]))
+        equal = PLAIN.parameters(situation, where, shape, np.array([about, torsion]))
         return {**equal, "bending_ratio": about / across}

@@ -23,6 +23,7 @@ from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
     felt,
+    misread,
     read_right,
     reading,
     torque_at_sensor,
@@ -64,10 +65,7 @@ class WrenchGain(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         to, of = np.nonzero(~np.eye(6, dtype=bool))
-        crosstalk = np.zeros((situation.rows, 6, len(to)))
-        crosstalk[:, to, np.arange(len(to))] = -reading(situation)[:, of]
-        torque = torque_at_sensor(situation, along_sensor(situation, crosstalk))
-        return wind_up(situation, torque)
+        return misread(situation, to, -reading(situation)[:, of])
 
     @override
     def prior_sigma(

@@ -111,7 +111,7 @@ def test_columns_are_what_the_mechanism_does(effect, shape, springs):
 
 
 @pytest.mark.parametrize(
-    ("effect", "height"),
+    ("effect", "shape"),
     [
         (BearingTilt("a2", 1e-6, 5e-7, 0.1, 4e-7), 0.1),
         (BearingTilt("a4", 5e-7, 1e-6, 0.0, -6e-7), 0.0),
@@ -124,9 +124,9 @@ def test_columns_are_what_the_mechanism_does(effect, shape, springs):
     ],
     ids=label,
 )
-def test_columns_are_what_springs_unequal_across_do(effect, height):
+def test_columns_are_what_springs_unequal_across_do(effect, shape):
     done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
-    law, at = truth.BY_NAME[effect.name], (effect.where, np.array([float(height)]))
+    law, at = truth.BY_NAME[effect.name], (effect.where, np.array([float(shape)]))
     design = truth.moved(truth.situation(), law.jacobian(truth.situation(), *at))
     design = design.reshape(-1, design.shape[3])
     size = np.linalg.norm(design, axis=0)
