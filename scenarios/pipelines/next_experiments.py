@@ -5,10 +5,11 @@ models simulate the candidate experiments, and the expected log Bayes factor of 
 readings ranks these.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from bench.effects import EFFECTS
 from bench.patch import PatchEffect, can_build, effect_of
@@ -96,11 +97,14 @@ def usual_size(name: Name) -> dict[str, float | str | None]:
 
 
 def _said(experiment: Experiment, why: str, factor: float, arm: NominalState) -> Next:
-    slides = arm.rig.anatomy.slides
-    pose = [
-        1e3 * x if s else float(np.degrees(x))
-        for x, s in zip(experiment.posture, slides, strict=True)
-    ]
-    return Next(
-        why, tuple(round(x, 3) for x in pose), experiment.path, round(factor, 2)
-    )
+    pose = pose_at_border(experiment.posture, arm.rig.anatomy.slides)
+    return Next(why, pose, experiment.path, round(factor, 2))
+
+
+def pose_at_border(
+    posture: Float[np.ndarray, " axes"], slides: Sequence[bool]
+) -> tuple[float, ...]:
+    """Return a posture in degrees, in mm where an axis slides."""
+    pairs = zip(posture, slides, strict=True)
+    values = [1e3 * x if s else np.degrees(x) for x, s in pairs]
+    return tuple(round(float(x), 3) for x in values)

@@ -311,10 +311,14 @@ def _further(effect: NamedEffect) -> list[dict[str, float]]:
 
 
 def left_neutral(diagnosis: Diagnosis) -> Iterator[Warned]:
-    """Say which sizes of what was named the readings do not hold."""
+    """Say which sizes of what was named the readings do not hold, or only together."""
+    asked = (d for d in diagnosis.decisions if d.gate == "magnitude" and d.accepted)
+    together = {d.candidate: d.reason for d in asked}
     for effect in diagnosis.named:
+        called, where = effect.name.effect, effect.name.where
+        if reason := together.get((called, where)):
+            yield Warned("size_not_held", where, f"{called} on {where}: {reason}.")
         if names := tuple(neutral_sizes(effect)):
-            called, where = effect.name.effect, effect.name.where
             yield Warned(
                 "size_not_held",
                 where,

@@ -183,12 +183,21 @@ class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Next(msgspec.Struct, frozen=True):
-    """A proposed measurement, and the two models that it tells apart."""
+    """A proposed measurement, and the two models that it tells apart.
+
+    Axes that slide are in mm.
+    """
 
     why: str
     pose_deg: tuple[float, ...]
     load_path_kg: tuple[float, ...]
     expected_log_bayes_factor: float
+
+    def pose_text(self, slides: tuple[bool, ...]) -> str:
+        """Return the pose; empty `slides`: all axes turn."""
+        units = [" mm" if s else "°" for s in slides or (False,) * len(self.pose_deg)]
+        pairs = zip(self.pose_deg, units, strict=True)
+        return ", ".join(f"{x:.0f}{unit}" for x, unit in pairs)
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):

@@ -138,8 +138,8 @@ def sentences(finding: Result) -> Iterator[str]:
         yield f"Nothing was proved: {finding.unproved}"
     for step in a.next_experiments[:1]:
         path = " ".join(f"{x:g}" for x in step.load_path_kg)
-        pose = " ".join(f"{x:.0f}" for x in step.pose_deg)
-        yield f"Next: pose [{pose}]°, load {path} kg; it {step.why}."
+        pose = step.pose_text(finding.recording.slides)
+        yield f"Next: pose [{pose}], load {path} kg; it {step.why}."
 
 
 def headlines(finding: Result) -> Iterator[str]:

@@ -36,7 +36,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.intervals import Interval
+from stiffness.regression.intervals import FittedParameters, Interval
 from stiffness.regression.normal_equations import (
     projection_coefficients,
     schur_complement,
@@ -504,35 +504,37 @@ small part of an effect may be out of place beside what was not named."""
 def refused_by_sizes(
     case: SelectionProblem,
     terms: Sequence[ModelTerm],
-    parameters: Sequence[dict[str, Interval]],
+    parameters: Sequence[FittedParameters],
     gains: Sequence[float],
     columns: Sequence[int],
 ) -> list[Decision]:
-    """Return the names that hold nothing, or more than any arm has.
+    """Return decisions on the names that hold nothing, or more than any arm has.
 
     A law of one size that has the wrong sign has no other part that could be right.
 
     Args:
         case: What may be looked at.
         terms: The set.
-        parameters: Of each term, with intervals.
+        parameters: Of each term.
         gains: What each term explains that the others do not.
         columns: How many sizes each term has.
     """
     decisions = held_by_nothing(terms, parameters)
-    nothing = {decision.candidate for decision in decisions}
+    asked = {decision.candidate for decision in decisions}
     every = zip(terms, parameters, gains, columns, strict=True)
-    for term, own, gain, count in every:
-        if term.name in nothing:
+    for term, fitted, gain, count in every:
+        if term.name in asked:
             continue
+        own = fitted.intervals
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
         sizes = {name: found.estimate for name, found in own.items()}
         against = count == 1 and is_beyond_nothing(case.situation, term, sizes)
+        possible = up_to_nothing(case.situation, term, own)
         if share > BEYOND or (share > 0.0 and against):
             reason = sizes_beyond_limits(case.situation, term, own)
             one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
             decisions.append(one)
-        elif may_be_nothing(term.hypothesis, up_to_nothing(case.situation, term, own)):
+        elif possible != own and may_be_nothing(term.hypothesis, possible):
             reason = "none of its magnitudes is surely one that it can have"
             decisions.append(
                 Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
@@ -541,15 +543,22 @@ def refused_by_sizes(
 
 
 def held_by_nothing(
-    terms: Sequence[ModelTerm], parameters: Sequence[dict[str, Interval]]
+    terms: Sequence[ModelTerm], parameters: Sequence[FittedParameters]
 ) -> list[Decision]:
-    """Return the names whose magnitudes may all be zero, by their intervals."""
-    reason = "the intervals of all its magnitudes contain zero"
-    return [
-        Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
-        for term, own in zip(terms, parameters, strict=True)
-        if may_be_nothing(term.hypothesis, own)
-    ]
+    """Return decisions on the names whose magnitudes may each be zero.
+
+    Accepted where all of them can not be zero at once.
+    """
+    each = "the intervals of all its magnitudes contain zero"
+    held = f"{each}, but they can not all be zero at once"
+    decisions = []
+    for term, own in zip(terms, parameters, strict=True):
+        if may_be_nothing(term.hypothesis, own.intervals):
+            there = own.together > own.limit
+            asked = ("magnitude", there, own.together, own.limit)
+            reason = held if there else each
+            decisions.append(Decision(term.name, *asked, reason, own.intervals))
+    return decisions
 
 
 def has_wrong_sign(

@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from bench.shared.settings import SETTINGS
@@ -40,12 +41,14 @@ from stiffness.diagnosis.sufficient_statistics import (
 from stiffness.effects.jacobian import EffectJacobian, added
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import (
+    FittedParameters,
     Interval,
     jackknife_covariance,
     quotient_interval,
 )
 from stiffness.regression.normal_equations import unit_scale
 from stiffness.regression.splits import Split
+from stiffness.regression.testing import joint_statistic
 
 # --- Fit and prediction together ------------------------------------------------------
 
@@ -235,7 +238,7 @@ def parameters_of(
     springs: Sequence[int],
     look: ModelEvaluation,
     split: Split,
-) -> list[dict[str, Interval]]:
+) -> list[FittedParameters]:
     """Return every member's parameters of the vocabulary with 95 % intervals.
 
     Args:
@@ -269,7 +272,7 @@ def parameters_of(
     held = held * wider[:sizes] * wider[:sizes, None]
     unsure = _covariance_of_the_unknown(look) + _covariance_of_forms(look)
     shift = shift_by_forms(look, split) - fitted
-    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
+    freedom = max(2, len(score) - 1)
     answers = []
     every = zip(fit.members, fit.coefficients, _columns_of_members(look), strict=True)
     for member, coefficients, own in every:
@@ -287,7 +290,7 @@ def parameters_of(
                     unsure[some],
                     shift[index],
                 ),
-                quantile,
+                freedom,
             )
         )
     return answers
@@ -472,8 +475,8 @@ class _Errors:
     shift: Float[np.ndarray, " n"]
 
 
-def _of_member(situation, springs, member, fitted, errors, quantile):
-    cov = errors.covariance
+def _of_member(situation, springs, member, fitted, errors, freedom):
+    cov, quantile = errors.covariance, float(student.ppf(0.5 + LEVEL / 2, freedom))
     start = np.concatenate([*fitted, member.shape])
     n, m = len(fitted[0]), len(fitted[1])
 
@@ -504,12 +507,17 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
     total = slope @ (cov + errors.unsure) @ slope.T
     spread = np.sqrt(np.maximum(np.diag(total), 0.0))
     of_sizes = slope[:, : len(errors.held)]
-    fixed = np.einsum("ki,ij,kj->k", of_sizes, errors.held, of_sizes)
-    fixed = np.sqrt(np.maximum(fixed, 0.0))
+    joint = of_sizes @ errors.held @ of_sizes.T
+    fixed = np.sqrt(np.maximum(np.diag(joint), 0.0))
     moved = slope @ errors.shift
     nothing = member.hypothesis.nothing
     law, found = member.hypothesis, {}
     grain = law.grain(situation)
+    sizes = [k for k, name in enumerate(names) if name in nothing]
+    apart = np.array([here[names[k]] - nothing[names[k]] for k in sizes])
+    coarse = np.array([grain.get(names[k], 0.0) / quantile for k in sizes])
+    joint = joint[np.ix_(sizes, sizes)] + np.diag(coarse**2)
+    together = joint_statistic(apart, joint)
     for name, s, by, own in zip(names, spread, moved, fixed, strict=True):
         value = float(here[name])
         half = float(quantile * own + grain.get(name, 0.0))
@@ -528,4 +536,5 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
             joint = total[np.ix_(of, of)] + np.outer(moved[of], moved[of])
             above, below = (float(here[part]) for part in parts)
             found[name] = quotient_interval(above, below, joint, quantile)
-    return found
+    limit = float(fisher.ppf(LEVEL, max(len(sizes), 1), freedom))
+    return FittedParameters(found, together, limit)

@@ -533,11 +533,11 @@ def _judged(
         parameters = parameters_of(*here, look.selected_alone, case.split)
         gains = drop_one_gains(statistics, terms)
         columns = [len(own) for own in look.fit.coefficients]
-        withheld = refused_by_sizes(case, terms, parameters, gains, columns)
-        if not withheld and beside:  # what is reported may hold nothing, too
+        of_sizes = refused_by_sizes(case, terms, parameters, gains, columns)
+        if beside and all(d.accepted for d in of_sizes):  # and what is reported
             parameters = parameters_of(*here, look, case.split)
-            withheld = held_by_nothing(terms, parameters)
-        if not withheld:
+            of_sizes = held_by_nothing(terms, parameters)
+        if not (withheld := [d for d in of_sizes if not d.accepted]):
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
@@ -563,13 +563,13 @@ def _judged(
         replace(look.fit, gain=linear.gain, nominal_gain=linear.nominal_gain),
         tuple(fine),
         frozenset(refused),
-        tuple(parameters),
+        tuple(own.intervals for own in parameters),
         gains,
         gated.lost,
         statistics,
         dispersion_of(case, look),
         statistics.share(gated.gain),
-        last_of_each(decisions),
+        last_of_each([*decisions, *of_sizes]),
     )
 
 

@@ -51,6 +51,21 @@ class Interval:
         )
 
 
+@dataclass(frozen=True)
+class FittedParameters:
+    """Parameters of a fitted law, and whether all its sizes may be nothing at once.
+
+    Attributes:
+        intervals: Of each parameter, by name.
+        together: `joint_statistic` of how far its sizes are from nothing.
+        limit: What it exceeds as rarely as an interval misses, where they are nothing.
+    """
+
+    intervals: dict[str, Interval]
+    together: float
+    limit: float
+
+
 # --- Bootstrap ------------------------------------------------------------------------
 
 Statistic: TypeAlias = Callable[

@@ -37,6 +37,7 @@ from bench.shared.settings import SETTINGS
 from stiffness.regression.normal_equations import (
     projection_coefficients,
     schur_complement,
+    unit_scale,
     whitening_transform,
 )
 
@@ -263,3 +264,28 @@ def agreement(
         noise=float(np.sqrt(noise2)),
         smallest=float(np.sqrt(noise2 * reach)),
     )
+
+
+# --- Several sizes at once ------------------------------------------------------------
+
+
+def joint_statistic(
+    size: Float[np.ndarray, " sizes"], covariance: Float[np.ndarray, "sizes sizes"]
+) -> float:
+    """Return how far sizes are from zero together; 0 of none.
+
+    Sizes that are known only together may each be zero by its own interval where all
+    at once can not.
+
+    ==========  ======================================================================
+    Equation    s' C^-1 s / k, of k sizes s with covariance C
+    Source      Hotelling 1931, "The generalization of Student's ratio"; F with k and
+                the covariance's degrees of freedom
+    Valid       normal errors
+    Ignores     what of C a small sample has too small; directions without variance
+    ==========  ======================================================================
+    """
+    scale = unit_scale(np.diag(covariance))
+    even = covariance * scale * scale[:, None]
+    inverse = np.linalg.pinv(even, rcond=1e-10, hermitian=True)
+    return float((scale * size) @ inverse @ (scale * size)) / max(len(size), 1)

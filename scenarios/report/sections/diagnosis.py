@@ -72,7 +72,7 @@ def data(finding: Result) -> Iterator[Block]:
             "What to measure next.",
             answer.next_experiments,
             {
-                "pose [°]": lambda n: " ".join(f"{x:.0f}" for x in n.pose_deg),
+                "pose": lambda n: n.pose_text(recording.slides),
                 "load [kg]": lambda n: " ".join(f"{x:g}" for x in n.load_path_kg),
                 "why": lambda n: n.why,
                 "tells (log Bayes factor)": lambda n: (

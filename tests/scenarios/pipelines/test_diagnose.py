@@ -16,9 +16,7 @@ from scenarios import diagnose, record
 from scenarios.pipelines import diagnosis as steps
 from scenarios.pipelines import next_experiments
 from scenarios.pipelines.inputs import arm_of
-from scenarios.pipelines.schema import (
-    Answer,
-)
+from scenarios.pipelines.schema import Answer, Next
 from scenarios.report import route
 from scenarios.report.command_line import run
 from scenarios.report.data_files import DECISIONS, FILES, refuse_folder, write_folder
@@ -338,3 +336,13 @@ def test_next_measurements_tell_equivalents_apart(recording, kr10):
     factors = [step.expected_log_bayes_factor for step in listed]
     assert factors == sorted(factors, reverse=True)
     assert next_experiments.proposed(engine, None) == ()
+
+
+def test_a_proposed_pose_of_an_arm_on_a_slide_is_written_in_mm_and_degrees():
+    slides = (True, False)
+    pose = next_experiments.pose_at_border(np.array([0.5, np.pi / 6]), slides)
+    step = Next("tells one from another", pose, (0.0, 5.0), 3.2)
+    written = msgspec.json.decode(msgspec.json.encode(step))
+    assert written["pose_deg"] == [500.0, 30.0]
+    assert step.pose_text(slides) == "500 mm, 30°"
+    assert step.pose_text(()) == "500°, 30°"

@@ -43,7 +43,8 @@ from scenarios.pipelines.schema import (
 from scenarios.pipelines.schema import Interval as Said
 from scenarios.report import summary
 from scenarios.report.sections import diagnosis
-from stiffness.diagnosis.gate import is_held, may_be_nothing
+from stiffness.diagnosis.gate import held_by_nothing, is_held, may_be_nothing
+from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.result import (
     Detection,
     Diagnosis,
@@ -59,6 +60,7 @@ from stiffness.diagnosis.result import (
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.link_bending import LinkBending
+from stiffness.regression.intervals import FittedParameters
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +177,21 @@ def test_a_size_without_an_interval_does_nothing_in_the_patch_and_it_is_said(fou
     assert said.where == "link_2"
     assert "torsion_nm2" in said.text
     assert "bending_nm2" not in said.text
+
+
+def test_sizes_that_are_held_only_together_keep_their_name_and_it_is_said(found):
+    crossing = Interval(4e5, -1e5, 9e5)  # each may be without end
+    own = {"bending_nm2": crossing, "torsion_nm2": crossing}
+    fitted = FittedParameters(own, together=40.0, limit=3.1)
+    loose = replace(fitted, together=3.0)
+    term = ModelTerm(LinkBending(), "link_2", np.zeros(0))
+    (kept,), (gone,) = (held_by_nothing([term], [one]) for one in (fitted, loose))
+    assert kept.accepted
+    assert not gone.accepted
+    named = replace(found, named=(beam(crossing, crossing),), decisions=(kept,))
+    (said,) = steps.left_neutral(named)
+    assert said.text.endswith("but they can not all be zero at once.")
+    assert not list(steps.left_neutral(replace(named, decisions=(gone,))))
 
 
 def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):

@@ -46,7 +46,7 @@ from stiffness.experiment.sensor_noise import (
     with_measured_noise,
     wrench_noise_text,
 )
-from stiffness.regression.intervals import Interval
+from stiffness.regression.intervals import FittedParameters, Interval
 from stiffness.robot.arm import Arm
 
 FEW = (Hysteresis(), EncoderOffset())
@@ -387,7 +387,8 @@ def test_law_of_one_size_with_a_wrong_sign_is_none_whatever_its_interval(plain, 
     width = {"width_rad": Interval(-1e-4, -1.9e-4, -1e-5)}
     springs = {f"r{axis}_rad_per_nm": Interval(3e-7, 2e-7, 4e-7) for axis in "xy"}
     springs["z_m_per_n"] = Interval(-3e-9, -5e-9, -1e-9)
-    told = refused_by_sizes(case, [play, foot], [width, springs], [1e4, 1e4], [1, 6])
+    fitted = [FittedParameters(own, 9.0, 3.0) for own in (width, springs)]
+    told = refused_by_sizes(case, [play, foot], fitted, [1e4, 1e4], [1, 6])
     assert [(d.candidate, d.gate) for d in told] == [(play.name, "physical")]
 
 
@@ -402,7 +403,8 @@ def test_law_of_one_size_a_little_beyond_its_far_limit_stands(
         "stiffness_ratio": Interval(10.5, 10.4, 10.6),
         "torque_nm": Interval(20.0, 19.0, 21.0),
     }
-    assert bool(refused_by_sizes(case, [gear], [own], [gain], [1])) == refused
+    fitted = FittedParameters(own, 9.0, 3.0)
+    assert bool(refused_by_sizes(case, [gear], [fitted], [gain], [1])) == refused
 
 
 def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
@@ -413,7 +415,8 @@ def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
         "bending_nm2": Interval(-1.9e8, -4e8, 2e7),
         "torsion_nm2": Interval(-1.7e4, -3e4, -4e3),
     }
-    told = refused_by_sizes(case, [link], [own], [1e4], [2])
+    fitted = FittedParameters(own, 9.0, 3.0)
+    told = refused_by_sizes(case, [link], [fitted], [1e4], [2])
     assert [d.gate for d in told] == ["magnitude"]
 
 
