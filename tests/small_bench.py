@@ -19,12 +19,13 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.exchanges import with_exchanges
 from stiffness.diagnosis.joint_fit import Layout
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.result import Diagnosis
 from stiffness.diagnosis.search import generic_term
-from stiffness.diagnosis.selection import SelectedModel, search_model, with_exchanges
+from stiffness.diagnosis.selection import SelectedModel, search_model
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset

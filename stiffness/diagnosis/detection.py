@@ -42,7 +42,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import chi2, norm
 
-from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     SelectionProblem,
@@ -56,6 +55,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     given_many,
     normal_equations_of,
 )
+from stiffness.effects.candidates import Library, Mapped
 from stiffness.effects.design_matrix import KeptColumns
 from stiffness.effects.jacobian import EffectJacobian, mixture, values, with_values
 from stiffness.experiment.static_state import StaticState

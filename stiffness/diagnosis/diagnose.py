@@ -40,6 +40,7 @@ from stiffness.diagnosis.detection import (
     residual_after,
     scatter_of,
 )
+from stiffness.diagnosis.exchanges import with_exchanges
 from stiffness.diagnosis.joint_fit import Layout
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -72,7 +73,6 @@ from stiffness.diagnosis.selection import (
     SelectedModel,
     search_model,
     select_again,
-    with_exchanges,
 )
 from stiffness.diagnosis.unknown_noise import (
     arrives_unknown,

@@ -40,7 +40,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -54,6 +53,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     normal_equations_of,
     per_pose_scores,
 )
+from stiffness.effects.candidates import Library, Mapped
 from stiffness.effects.jacobian import (
     EffectJacobian,
     JointRotation,

@@ -22,13 +22,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE
-from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.sufficient_statistics import (
     Augmented,
     SufficientStatistics,
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
+from stiffness.effects.candidates import Library
 from stiffness.effects.jacobian import (
     EffectJacobian,
     added,

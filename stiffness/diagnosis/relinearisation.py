@@ -24,7 +24,6 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.shared.recording import Recording
-from stiffness.diagnosis.candidates import Library, library_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -43,6 +42,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
+from stiffness.effects.candidates import Library, library_of
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.jacobian import (

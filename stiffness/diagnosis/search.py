@@ -21,7 +21,6 @@ from itertools import islice
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.detection import blocks_beside
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
@@ -36,6 +35,7 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.relinearisation import is_load_of_one_axis
 from stiffness.effects.base import Hypothesis
+from stiffness.effects.candidates import Library, Mapped
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.residual_map import SENSOR
 from stiffness.regression.group_selection import (
@@ -494,44 +494,44 @@ def beyond_present_names(terms: Sequence[ModelTerm]) -> tuple[ModelTerm, ...]:
     )
 
 
-MOST_LAWS = 2
-"""Laws of a gear that are tried with a load of it in the place of what has no name
-there; chosen for time."""
-
-
 def is_of_a_gear(term: ModelTerm) -> bool:
     """Return whether a term has no name and depends on the torque of an axis."""
     return term.is_generic and "torque" in term.depends_on
 
 
-def loads_with_laws(
-    case: SelectionProblem, rest: Sequence[ModelTerm], where: str
-) -> list[tuple[ModelTerm, ModelTerm]]:
-    """Return a load of an axis with each of the laws of its gear that do most beside.
+def load_of_axis(case: SelectionProblem, where: str) -> ModelTerm | None:
+    """Return the simplest load of an axis; None: there is none."""
+    own = (term for term, _ in _terms_of(case.library) if term.where == where)
+    loads = [term for term in own if is_load_of_one_axis(case.situation, term)]
+    return min(loads, key=lambda term: len(term.shape), default=None)
 
-    Neither does much alone where the law feels the load; with the wrong sign, too.
+
+def laws_of_gear_beside(
+    case: SelectionProblem, terms: Sequence[ModelTerm], where: str
+) -> list[tuple[float, ModelTerm]]:
+    """Return the laws of a gear that a set is without, what does most beside it first.
 
     Args:
-        case: What may be looked at.
-        rest: The set without what they are to replace.
+        case: As laid out under the set.
+        terms: The set.
         where: The axis.
+
+    Returns:
+        Of each law the whitened square that it explains, and its best shape.
     """
-    own = [term for term, _ in _terms_of(case.library) if term.where == where]
-    loads = [t for t in own if is_load_of_one_axis(case.situation, t)]
-    if not loads or any(load.name == m.name for load in loads for m in rest):
-        return []
-    load = min(loads, key=lambda t: len(t.shape))
-    search = Search.of(case, [*rest, load])
-    held = {m.name for m in (*rest, load)}
-    gains = gains_beside(search.problem, range(len(rest) + 1))
-    every = (search.terms[k] for k in _best_of_names(search.problem, gains))
-    laws = [
-        term
-        for term in every
+    search = Search.of(case, terms)
+    held = {term.name for term in terms}
+    gains = gains_beside(search.problem, range(len(terms)))
+    every = (
+        (float(gains[k]), search.terms[k])
+        for k in _best_of_names(search.problem, gains)
+    )
+    return [
+        (gain, term)
+        for gain, term in every
         if term.where == where and "torque" in term.depends_on
         if term.name not in held and not term.is_generic
     ]
-    return [(load, law) for law in laws[:MOST_LAWS]]
 
 
 def _site(term: ModelTerm) -> str:

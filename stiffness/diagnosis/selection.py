@@ -20,7 +20,6 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.shared.settings import SETTINGS
-from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.gate import (
     PoseStatistics,
     drop_one_gains,
@@ -35,7 +34,6 @@ from stiffness.diagnosis.joint_fit import (
     Layout,
     OperatingPoint,
     unexplained,
-    worth_of,
 )
 from stiffness.diagnosis.model_evaluation import (
     dispersion_of,
@@ -50,34 +48,26 @@ from stiffness.diagnosis.model_fit import (
     fit_shapes,
 )
 from stiffness.diagnosis.relinearisation import (
-    acts_on_others,
     changes,
-    changes_torques,
-    is_load_of_one_axis,
     loads_of,
 )
 from stiffness.diagnosis.search import (
-    FORMS,
     Search,
     at_fine_shapes,
     beyond_present_names,
     first_search,
     from_rivals,
     generic_term,
-    is_of_a_gear,
-    loads_with_laws,
     of_the_same_kinds,
     one_each,
     replaced_by_forms,
     with_generic_terms,
     with_part_less,
 )
+from stiffness.effects.candidates import Library
 from stiffness.effects.residual_map import shows_everywhere
 from stiffness.regression.group_selection import (
-    LIVE,
     GroupSelection,
-    exchange_worths,
-    gains_beside,
     select_groups,
 )
 from stiffness.regression.intervals import Interval
@@ -162,14 +152,6 @@ SURE = SETTINGS.equivalent_log_bayes
 """Log Bayes factor from which one set is told from another."""
 CLEAR = 100.0
 """Square that a set leaves, from which it is searched once more; chosen: a name's."""
-MUCH_OPEN = 0.01
-"""Share of the mismatch that a set does not explain on poses left out, from which loads
-that are little like a term are tried in its place, too; chosen: a tenth of its
-amplitude, squared."""
-IMITATED = 0.5
-"""Largest share of a term's gain that a load in its place may lose; chosen."""
-MOST_LOADS = 6
-"""Loads that are tried in place of terms, the most alike first; chosen for time."""
 
 
 def search_model(
@@ -187,165 +169,17 @@ def search_model(
     """
     if start:
         point = layout.fitted_jointly(case, fit_model(case, start))
-        return _searched_on(layout, point, point.fit.members)
+        return searched_on(layout, point, point.fit.members)
     common = [generic_term(b) for b in case.library.map.blocks if b.shows_everywhere]
     search = Search.of(case, common, every_form=False)
     return _selected_under(layout, search, first_search(search.problem))
 
 
-def with_exchanges(model: SelectedModel, layout: Layout) -> SelectedModel:
-    """Search again from a set with what imitates its names in their place.
-
-    The search runs again under loads in the place of terms that all others do as well
-    with, or terms in the place of loads that they do better with; where much stays open
-    once more from the best set with a load of one axis, which counts with what more of
-    it changes of the others. At last a term of no name goes where the names of its gear
-    do better without it. What surely predicts poses left out better is kept.
-
-    Args:
-        model: The set.
-        layout: How columns are laid out.
-    """
-    tried = _exchange_step(layout, model)
-    if tried.point is not None:
-        refused = model.fit.names - tried.point.fit.names
-        # what has no name there may be what came
-        at = {where for _, where in refused}
-        own = tried.point.fit.members
-        first = tuple(m for m in own if not (m.is_generic and m.where in at))
-        model = _better(model, _searched_on(layout, tried.point, first, refused))
-    if tried.loaded is not None and model.unexplained_square > CLEAR:
-        whole, own = replace(layout, whole_loads=True), tried.loaded.fit.members
-        model = _better(model, _searched_on(whole, tried.loaded, own))
-    model = _without_needless_terms(layout, model)
-    return replace(model, exchange_losses=tried.losses)
-
-
-def _without_needless_terms(layout: Layout, model: SelectedModel) -> SelectedModel:
-    """Search again without a term of no name, where names of its gear do better so.
-
-    It takes what a law of its gear leaves at a wrong shape, and holds it there.
-    """
-    case, members = model.case, model.fit.members
-    worth = worth_of(model.fit, unexplained(case, model.fit), case.poses)
-    loads = case.felt is not None and bool(case.felt.loads)
-    layout = replace(layout, whole_loads=loads)
-    for term in (m for m in members if is_of_a_gear(m)):
-        rest = [m for m in members if m.name != term.name]
-        names = (m for m in rest if m.where == term.where and not m.is_generic)
-        if not any("torque" in m.depends_on for m in names):
-            continue
-        point = _fitted_jointly(layout, case, rest)
-        if point.worth(case.poses) > worth + SURE:
-            other = _searched_on(layout, point, point.fit.members, [term.name])
-            return _better(model, other)
-    return model
-
-
-def _fitted_jointly(
+def fitted_jointly(
     layout: Layout, case: SelectionProblem, terms: Sequence[ModelTerm]
 ) -> OperatingPoint:
     """Fit a set with its columns, generic terms beyond the names that it has."""
     return layout.fitted_jointly(case, fit_model(case, beyond_present_names(terms)))
-
-
-def _better(model: SelectedModel, other: SelectedModel) -> SelectedModel:
-    """Return the other set if it surely predicts poses left out better."""
-    gained = 0.5 * (model.unexplained_square - other.unexplained_square)
-    return other if gained > SURE else model
-
-
-@dataclass(frozen=True, eq=False)
-class _ExchangeStep:
-    """A set with what came into the place of others, all fitted anew.
-
-    Attributes:
-        point: The set; None: nothing came.
-        losses: By how much it is worth less with the second name of a pair in the place
-            of the first.
-        loaded: Of all sets that were fitted with a load of one axis the one worth most,
-            though it may be worth less; None: there was none.
-    """
-
-    point: OperatingPoint | None
-    losses: Mapping[Pair, float]
-    loaded: OperatingPoint | None = None
-
-
-def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
-    """Put loads in the place of terms that all do as well with; of loads, terms.
-
-    Where much stays open, a load and a law of its gear in the place of what has no name
-    there, too.
-    """
-    case, best, less = model.case, None, dict[Pair, float]()
-    members, tried = model.fit.members, _imitators(model)
-    much = model.unexplained_square > CLEAR
-    unknown = [m for m in members if much and is_of_a_gear(m)]
-    if not tried and not unknown:
-        return _ExchangeStep(best, less)
-    point = layout.fitted_jointly(case, model.fit)
-    most, fitted = point.worth(case.poses), [point]
-    for pair in sorted(tried, key=lambda pair: tried[pair][0])[:MOST_LOADS]:
-        name, other = pair[0], tried[pair][1]
-        names = {member.name for member in members}
-        if name not in names or other.name in names:
-            continue
-        some = [other if m.name == name else m for m in members]
-        point = _fitted_jointly(layout, case, some)
-        fitted.append(point)
-        found = point.worth(case.poses)
-        less |= {(name, other.name): most - found, (other.name, name): found - most}
-        if found > most + (-SURE if acts_on_others(case.situation, other) else SURE):
-            best, members, most = point, point.fit.members, found
-    for term in unknown:
-        rest = [m for m in members if m.name != term.name]
-        for pair in loads_with_laws(case, rest, term.where):
-            fitted.append(_fitted_jointly(layout, case, [*rest, *pair]))
-    here = case.situation
-    loaded = (
-        p for p in fitted if any(is_load_of_one_axis(here, m) for m in p.fit.members)
-    )
-    nearest = max(loaded, key=lambda p: p.worth(case.poses), default=None)
-    return _ExchangeStep(best, less, nearest)
-
-
-def _imitators(
-    model: SelectedModel,
-) -> dict[Pair, tuple[float, ModelTerm]]:
-    """Return the load that does best alone what each term does; of loads a term, too.
-
-    Each with what it does less. A load: no more than what stays unexplained, which what
-    it does to others may make up for; where that is little, than half of it all.
-    """
-    found = dict[Pair, tuple[float, ModelTerm]]()
-    here, members = model.case.situation, model.fit.members
-    left = 0.5 * max(model.unexplained_square, 0.0)
-    asked = [m for m in members if left or changes_torques(here, m)]
-    if not asked:
-        return found
-    search = exchange_search(model)
-    acting = [acts_on_others(here, term) for term in search.terms]
-    for member in asked:
-        every = exchange_worths(search.problem, range(len(members)), member.name)
-        alone = {n: w + every.price[n] for n, w in every.worth.items()}
-        rest = [j for j, other in enumerate(members) if other is not member]
-        gains = gains_beside(search.problem, rest)
-        gain, of_load = alone[member.name] - every.none, left
-        if model.share > 1.0 - MUCH_OPEN:
-            of_load = min(left, IMITATED * gain)
-        of_term = max(LIVE, FORMS * gain) if changes_torques(here, member) else 0.0
-        for is_load, most in ((True, of_load), (False, of_term)):
-            alike = [
-                (alone[term.name], float(gain), term)
-                for gain, term, acts in zip(gains, search.terms, acting, strict=True)
-                if acts == is_load and term.name != member.name and term.name in alone
-            ]
-            best = max(alike, key=lambda one: one[:2], default=None)
-            less = np.inf if best is None else alone[member.name] - best[0]
-            if best is not None and less < most:
-                found[member.name, best[2].name] = less, best[2]
-    return found
 
 
 def _selected_under(
@@ -408,7 +242,7 @@ def _selected_under(
         start = _better_without_generic_terms(layout, point, refused)
     terms, gated = start.fit.members, start is point
     if again and (changed or misled):
-        other = _searched_on(layout, start, terms, refused, again - 1, gated)
+        other = searched_on(layout, start, terms, refused, again - 1, gated)
     else:
         other = _judged(layout.at(point), terms, fine, ())
     kept = held and model.unexplained_square < other.unexplained_square
@@ -436,12 +270,12 @@ def _with_loads_put_back(
     if not lost:
         return point
     own = point.fit.members
-    whole = _fitted_jointly(layout, case, [*own, *lost])
+    whole = fitted_jointly(layout, case, [*own, *lost])
     if whole.over(point, case.poses) <= SURE:
         return point
     for term in (t for t in own if t.where in {m.where for m in lost}):
         rest = [m for m in whole.fit.members if m.name != term.name]
-        less = _fitted_jointly(layout, case, rest)
+        less = fitted_jointly(layout, case, rest)
         whole = less if less.over(whole, case.poses) > 0.0 else whole
     return whole
 
@@ -470,7 +304,7 @@ def _better_without_generic_terms(
     return alone if alone.over(point, case.poses) > 0.5 * CLEAR else point
 
 
-def _searched_on(
+def searched_on(
     layout: Layout,
     point: OperatingPoint,
     terms: Sequence[ModelTerm],
@@ -537,7 +371,12 @@ def _judged(
         if beside and all(d.accepted for d in of_sizes):  # and what is reported
             parameters = parameters_of(*here, look, case.split)
             of_sizes = held_by_nothing(terms, parameters)
-        if not (withheld := [d for d in of_sizes if not d.accepted]):
+        withheld = [
+            decision
+            for decision in of_sizes
+            if not decision.accepted or with_part_less(case, terms, decision.candidate)
+        ]
+        if not withheld:
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])

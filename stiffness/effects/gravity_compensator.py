@@ -7,9 +7,10 @@ Source      spring without free length: Herder 2001, "Energy-free systems"; with
             Klimchik et al. 2013, arXiv 1311.6810
 Valid       springs and cylinders whose force grows with their length; where the axis
             hardly turns it is a constant turn, sin(q - φ) = ±1, as an encoder's offset
-Ignores     free length (see `stretched_spring`); the spring's share of the axis'
-            stiffness, about torque/K; the rotation of a sensor beyond, a thousandth of
-            the deflection
+Ignores     free length (see `stretched_spring`); how its pull tilts the bearing, which
+            turns with the axis (its variants) beside a constant part; the spring's
+            share of the axis' stiffness, about torque/K; the rotation of a sensor
+            beyond, a thousandth of the deflection
 ==========  ==========================================================================
 """
 
@@ -22,7 +23,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, orders, sprung
-from stiffness.effects.jacobian import EffectJacobian, turn
+from stiffness.effects.jacobian import EffectJacobian, rotate, turn
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
 
@@ -58,6 +59,18 @@ class GravityCompensator(Hypothesis):
         if 1.0 not in orders(situation, k):
             return encoder_offset_response(situation, k)
         return turn(k, np.sin(angle), np.cos(angle))
+
+    @override
+    def variants(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        """Return how the bearing tilts under the spring's pull, which turns with it."""
+        k = situation.axis(where)
+        angle = situation.recording.posture[:, k]
+        across = situation.seat[:, k + 1, :, :2]
+        waves = (np.sin(angle), np.cos(angle))
+        tilt = np.concatenate([across * w[:, None, None] for w in waves], axis=2)
+        return EffectJacobian(4, (rotate(k + 1, tilt, situation.origin[:, k + 1]),))
 
     @override
     def acting(

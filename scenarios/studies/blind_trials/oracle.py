@@ -49,7 +49,6 @@ from scenarios.studies.blind_trials.linear_model import (
 )
 from scenarios.studies.blind_trials.strata import LIBRARY
 from scenarios.studies.blind_trials.visibility import Visibility
-from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.localisation import WhitenedCandidates, whiten_candidates
 from stiffness.diagnosis.model_fit import (
     WHOLE,
@@ -67,6 +66,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
+from stiffness.effects.candidates import Library
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.residuals import bodies_of
 from stiffness.experiment.static_state import StaticState, static_state_of

@@ -6,21 +6,26 @@ import numpy as np
 from numpy.testing import assert_allclose
 from small_bench import MECHANICS, arm, nameless, prepared, recording, select_model
 
-from stiffness.diagnosis import selection
+from stiffness.diagnosis import exchanges, selection
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.exchanges import (
+    _exchange_step,
+    _imitators,
+    _without_needless_terms,
+)
 from stiffness.diagnosis.joint_fit import Layout, unexplained
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem, total_softening
-from stiffness.diagnosis.search import Search
+from stiffness.diagnosis.search import Search, laws_of_gear_beside, load_of_axis
 from stiffness.diagnosis.selection import (
-    _exchange_step,
-    _imitators,
     _judged,
     _selected_under,
     _with_loads_put_back,
-    _without_needless_terms,
 )
+from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
+from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
+from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
@@ -146,6 +151,19 @@ def test_a_compensator_and_a_gear_that_hardens_are_named_at_one_axis():
     assert names == {("gravity_compensator", "a3"), ("hardening", "a3")}
 
 
+def test_what_a_compensator_s_pull_does_to_its_bearing_is_no_error_of_a_link():
+    """It turns with the axis, as what a wrong link moves does."""
+    seen = recording(
+        "gravity_compensator@a2,torque_nm=150,phase_rad=0.8",
+        "bearing_tilt@a2,u_rad_per_nm=4e-7,v_rad_per_nm=4e-7,centre_m=0.04",
+        poses=60,
+    )
+    laws = (*MECHANICS, GravityCompensator(), TransmissionError(), GeometryError())
+    found = diagnose(seen, arm(), laws)
+    names = {(n.name.effect, n.name.where) for n in found.named}
+    assert names == {("gravity_compensator", "a2"), ("bearing_tilt", "a2")}
+
+
 def test_a_load_comes_back_where_a_wave_took_what_it_displaces_under_its_torque():
     """While the play still feels it; in columns of its own the wave does less."""
     some = (LostMotion(), GravityCompensator(), TransmissionError())
@@ -179,13 +197,36 @@ def test_a_load_comes_with_the_law_that_feels_it_where_a_gear_has_no_name(monkey
     layout, case = Layout(ready, some), build_problem(ready, some)
     wave = ModelTerm(some[3], "a3", np.array([1.0]))
     model = _judged(case, (wave, nameless(case, "torque", "a3")), (), ())
-    monkeypatch.setattr(selection, "_imitators", lambda model: {})
+    monkeypatch.setattr(exchanges, "_imitators", lambda model: {})
     loaded = _exchange_step(layout, replace(model, share=0.5)).loaded
     assert loaded is not None
     laws = {("gravity_compensator", "a3"), ("hardening", "a3")}
     assert laws <= loaded.fit.names <= {*laws, wave.name}
     assert loaded.worth(case.poses) > -0.5 * unexplained(case, model.fit)
     assert _exchange_step(layout, replace(model, share=1.0)).loaded is None
+
+
+def test_a_load_comes_with_the_law_that_feels_it_where_a_wave_imitates_it():
+    """In columns without the load's torque another law does more than the true one."""
+    some = (Hardening(), AsymmetricStiffness(), GravityCompensator())
+    some += (TransmissionError(), AngleDependentStiffness())
+    ready = prepared(
+        "gravity_compensator@a3,torque_nm=27,phase_rad=0.855",
+        "hardening@a3,stiffness_ratio=1.52,torque_nm=19.6",
+    )
+    layout, case = Layout(ready, some), build_problem(ready, some)
+    wave = ModelTerm(some[3], "a3", np.array([1.0]))
+    model = replace(_judged(case, (wave,), (), ()), share=0.5)
+    load = load_of_axis(case, "a3")
+    assert load is not None
+    alone = layout.fitted_jointly(case, fit_model(case, [load]))
+    ((_, first), *_) = laws_of_gear_beside(case, [wave], "a3")
+    assert first.name != ("hardening", "a3")
+    ((_, under), *_) = laws_of_gear_beside(layout.at(alone), alone.fit.members, "a3")
+    assert under.name == ("hardening", "a3")
+    found = _exchange_step(layout, model).point
+    assert found is not None
+    assert found.fit.names == {load.name, under.name}
 
 
 def test_what_a_play_leaves_at_a_wrong_shape_goes_where_the_play_does_better_alone():

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from small_bench import SOFTER, arm, prepared, recording
 
 from stiffness.diagnosis.between_visit import Whitening
-from stiffness.diagnosis.candidates import library_of
 from stiffness.diagnosis.noise_model import pose_repeatability_of
 from stiffness.diagnosis.sufficient_statistics import (
     Augmented,
@@ -18,6 +17,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.candidates import library_of
 from stiffness.effects.design_matrix import Deferred, KeptColumns, design_matrix_of
 from stiffness.effects.jacobian import (
     BodyTwist,

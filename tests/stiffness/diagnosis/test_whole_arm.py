@@ -13,6 +13,7 @@ from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from stiffness.diagnosis import verdict
 from stiffness.diagnosis.detection import ResidualEquations, imitated_share
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.exchanges import _exchange_step
 from stiffness.diagnosis.gate import (
     budget_parts,
     gate_terms,
@@ -33,7 +34,6 @@ from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Decision, Diagnosis, Name
 from stiffness.diagnosis.selection import (
     SelectedModel,
-    _exchange_step,
     _judged,
     _needed_least,
 )
