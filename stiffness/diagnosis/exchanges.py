@@ -68,10 +68,9 @@ def with_exchanges(model: SelectedModel, layout: Layout) -> SelectedModel:
     """Search again from a set with what imitates its names in their place.
 
     The search runs again under loads in the place of terms that all others do as well
-    with, or terms in the place of loads that they do better with; where much stays open
-    once more from the best set with a load of one axis, which counts with what more of
-    it changes of the others. At last a term of no name goes where the names of its gear
-    do better without it. What surely predicts poses left out better is kept.
+    with, or terms in the place of loads that they do better with. At last a term of no
+    name goes where the names of its gear do better without it. What surely predicts
+    poses left out better is kept.
 
     Args:
         model: The set.
@@ -85,9 +84,6 @@ def with_exchanges(model: SelectedModel, layout: Layout) -> SelectedModel:
         own = tried.point.fit.members
         first = tuple(m for m in own if not (m.is_generic and m.where in at))
         model = _better(model, searched_on(layout, tried.point, first, refused))
-    if tried.loaded is not None and model.unexplained_square > CLEAR:
-        whole, own = replace(layout, whole_loads=True), tried.loaded.fit.members
-        model = _better(model, searched_on(whole, tried.loaded, own))
     model = _without_needless_terms(layout, model)
     return replace(model, exchange_losses=tried.losses)
 
@@ -99,8 +95,6 @@ def _without_needless_terms(layout: Layout, model: SelectedModel) -> SelectedMod
     """
     case, members = model.case, model.fit.members
     worth = worth_of(model.fit, unexplained(case, model.fit), case.poses)
-    loads = case.felt is not None and bool(case.felt.loads)
-    layout = replace(layout, whole_loads=loads)
     for term in (m for m in members if is_of_a_gear(m)):
         rest = [m for m in members if m.name != term.name]
         names = (m for m in rest if m.where == term.where and not m.is_generic)
@@ -127,13 +121,10 @@ class _ExchangeStep:
         point: The set; None: nothing came.
         losses: By how much it is worth less with the second name of a pair in the place
             of the first.
-        loaded: Of all sets that were fitted with a load of one axis more the one worth
-            most, though it may be worth less; None: there was none.
     """
 
     point: OperatingPoint | None
     losses: Mapping[Pair, float]
-    loaded: OperatingPoint | None = None
 
 
 def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
@@ -168,14 +159,11 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
         if load is not None and load.name not in {m.name for m in members}:
             rest = [m for m in members if m.name != term.name]
             loaded.append((term.where, fitted_jointly(layout, case, [*rest, load])))
-    every = [point for _, point in loaded]
     for where, point in loaded if much else ():
         for whole in _with_laws(layout, point, where, most):
-            every.append(whole)
             if whole.worth(case.poses) > most + SURE:
                 best, most = whole, whole.worth(case.poses)
-    nearest = max(every, key=lambda p: p.worth(case.poses), default=None)
-    return _ExchangeStep(best, less, nearest)
+    return _ExchangeStep(best, less)
 
 
 def _with_laws(
@@ -202,9 +190,9 @@ def _with_laws(
 
 
 def _kind_of_load(here: StaticState, term: ModelTerm) -> str:
-    """Return whether a term acts on one axis' torque, on `all` laws, or as no load."""
+    """Return whether a term is a load of one `axis`, of `all`, or `none`."""
     if not acts_on_others(here, term):
-        return ""
+        return "none"
     return "axis" if is_load_of_one_axis(here, term) else "all"
 
 
@@ -213,8 +201,8 @@ def _imitators(
 ) -> dict[Pair, tuple[float, ModelTerm]]:
     """Return the loads that do best alone what each term does; of loads a term, too.
 
-    One of all axes and one of a single axis, each with what it does less. A load: no
-    more than what stays unexplained, which what it does to others may make up for;
+    The best of all and the best of a single axis, each with what it does less. A load:
+    no more than what stays unexplained, which what it does to others may make up for;
     where that is little, than half of it all.
     """
     found = dict[Pair, tuple[float, ModelTerm]]()
@@ -234,11 +222,12 @@ def _imitators(
         if model.share > 1.0 - MUCH_OPEN:
             of_load = min(left, IMITATED * gain)
         of_term = max(LIVE, FORMS * gain) if changes_torques(here, member) else 0.0
-        for kind, most in (("all", of_load), ("axis", of_load), ("", of_term)):
+        asked_for = ({"all", "axis"}, of_load), ({"axis"}, of_load), ({"none"}, of_term)
+        for some, most in asked_for:
             alike = [
                 (alone[term.name], float(gain), term)
                 for gain, term, own in zip(gains, search.terms, kinds, strict=True)
-                if own == kind and term.name != member.name and term.name in alone
+                if own in some and term.name != member.name and term.name in alone
             ]
             best = max(alike, key=lambda one: one[:2], default=None)
             less = np.inf if best is None else alone[member.name] - best[0]

@@ -42,7 +42,6 @@ from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
     TINY,
     build_problem,
-    is_load_of_one_axis,
     laid_out_softer,
     moved_under,
     nominal_problem,
@@ -120,26 +119,16 @@ class Layout:
     Attributes:
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
-        whole_loads: Whether loads of one axis are selected with what more of them
-            changes of the others.
     """
 
     prepared: Prepared
     hypotheses: Sequence[Hypothesis]
-    whole_loads: bool = False
 
     def at(self, point: OperatingPoint) -> SelectionProblem:
         """Lay all columns out at an operating point."""
         given = (point.softer, point.named)
         case = build_problem(self.prepared, self.hypotheses, *given)
-        if not self.whole_loads:
-            return replace(case, felt=point.felt)
-        loads = {
-            m.name: m.jacobian(case.situation)
-            for m in point.named.members
-            if m.name in point.felt.laws and is_load_of_one_axis(case.situation, m)
-        }
-        return replace(case, felt=replace(point.felt, loads=loads))
+        return replace(case, felt=point.felt)
 
     def fitted_jointly(self, case: SelectionProblem, fit: ModelFit) -> OperatingPoint:
         """Fit springs, coefficients and shapes with the columns that they lay out.

@@ -14,7 +14,7 @@ Ignores     shapes beyond the grid's ends, and those that count something
 """
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -31,12 +31,10 @@ from stiffness.effects.base import Hypothesis
 from stiffness.effects.candidates import Library
 from stiffness.effects.jacobian import (
     EffectJacobian,
-    added,
     difference,
     hstack,
     mixture,
     orthogonal_to,
-    share_along,
 )
 from stiffness.effects.residual_map import GenericTerm
 from stiffness.effects.statics import springs_of
@@ -62,26 +60,12 @@ class FeltByOthers:
         shapes: By name and number of a shape parameter, per unit of it and of each
             coefficient, which add up at the set's own.
         coefficients: By name, those about which these were taken.
-        loads: By name, the columns of loads of one axis that count in the search with
-            what more of them changes.
     """
 
     springs: tuple[EffectJacobian, ...]
     laws: Mapping[tuple[str, str], EffectJacobian]
     shapes: Mapping[tuple[tuple[str, str], int], EffectJacobian]
     coefficients: Mapping[tuple[str, str], Float[np.ndarray, " columns"]]
-    loads: Mapping[tuple[str, str], EffectJacobian] = field(default_factory=dict)
-
-    def of_load(self, name: tuple[str, str], law: EffectJacobian) -> EffectJacobian:
-        """Return a law's columns with what more of it changes of the others.
-
-        Columns of other shapes or forms of a load change as much as those of the load
-        that are next to them; a law that is no load stays as it is.
-        """
-        if name not in self.loads:
-            return law
-        share = share_along(law, self.loads[name])
-        return added(law, mixture(self.laws[name], share))
 
     def total(self, names: Collection[tuple[str, str]]) -> EffectJacobian:
         """Return one column: of some laws' coefficients as they are."""

@@ -14,7 +14,7 @@ Ignores     sets that differ by two names at once from all that were tried
 """
 
 from collections import Counter
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -25,7 +25,6 @@ from stiffness.diagnosis.detection import blocks_beside
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
     WHOLE,
-    FeltByOthers,
     ModelFit,
     ModelTerm,
     SelectionProblem,
@@ -36,7 +35,6 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.relinearisation import is_load_of_one_axis
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.candidates import Library, Mapped
-from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.residual_map import SENSOR
 from stiffness.regression.group_selection import (
     LIVE,
@@ -57,9 +55,6 @@ from stiffness.regression.predictive_gate import Decision, Name
 from stiffness.regression.testing import SIGNIFICANCE
 
 # --- Normal equations of the search ---------------------------------------------------
-
-NOTHING_FELT = FeltByOthers((), {}, {}, {})
-"""Where columns were laid out under nothing that was named."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +81,6 @@ class Search:
     ) -> "Search":
         """Lay out a few terms with shapes of their own beside the library.
 
-        Loads may count with what more of them changes of the others, if columns were
-        laid out so: what does alone what the load does cannot take its place.
-
         Args:
             case: What may be looked at.
             first: Terms that come before those of the library. Of a generic term that
@@ -105,23 +97,13 @@ class Search:
             for one in _terms_of(case.library)
             if one[0].name not in refused and (every_form or one[0].is_first_form)
         ]
-        felt = case.felt or NOTHING_FELT
-        found += tuple(term for term, _ in of_library if term.name in felt.loads)
-        of_library = [one for one in of_library if one[0].name not in felt.loads]
-        keys: list[Hashable] = [term.key for term in found]
-        keys += [tuple(felt.loads)] if felt.loads else []
-
-        def law(k: int) -> EffectJacobian:
-            if k == len(found):
-                return felt.total(felt.loads)
-            return felt.of_load(found[k].name, found[k].jacobian(case.situation))
-
-        equations, of_first = case.augmented.by(keys, law)
+        equations, of_first = case.augmented.by(
+            [term.key for term in found],
+            lambda k: found[k].jacobian(case.situation),
+        )
         gram, width = equations.gram[0], sum(map(len, of_first))
         asked = equations.score[~case.split.held_out].sum(axis=0)
-        for at in of_first[len(found) :]:  # which the readings are without
-            asked = asked + gram[:, at].sum(axis=1)
-        owned = list(of_first[: len(found)])
+        owned = list(of_first)
         owned += [columns + width for _, columns in of_library]
         terms = (*found, *(term for term, _ in of_library))
         groups = [

@@ -235,24 +235,14 @@ def orthogonal_to(law: EffectJacobian, others: EffectJacobian) -> EffectJacobian
         others: To which.
     """
     one, other = _values_of_both(law, others)
-    share = _share_along(one, other)
+    length = np.linalg.norm(other, axis=0)
+    known = np.where(length > 0.0, length, 1.0)
+    share = np.linalg.lstsq(other / known, one, rcond=1e-9)[0] / known[:, None]
     left = np.linalg.norm(one - other @ share, axis=0)
     whole = np.linalg.norm(one, axis=0)
     keep = (left > ROUNDING * whole) | (whole == 0.0)
     mix = np.vstack([np.eye(law.columns), -share]) * keep
     return mixture(hstack([law, others]), mix)
-
-
-def share_along(
-    law: EffectJacobian, others: EffectJacobian
-) -> Float[np.ndarray, "others columns"]:
-    """Return how much of others' columns is next to a law's columns, by least squares.
-
-    Args:
-        law: Whose columns are described, where both have blocks.
-        others: By which.
-    """
-    return _share_along(*_values_of_both(law, others))
 
 
 def _values_of_both(
@@ -267,11 +257,3 @@ def _values_of_both(
             own.append(values(part).reshape(-1, law.columns))
             far.append(beside.reshape(-1, others.columns))
     return np.concatenate(own), np.concatenate(far)
-
-
-def _share_along(
-    one: Float[np.ndarray, "n columns"], other: Float[np.ndarray, "n others"]
-) -> Float[np.ndarray, "others columns"]:
-    length = np.linalg.norm(other, axis=0)
-    known = np.where(length > 0.0, length, 1.0)
-    return np.linalg.lstsq(other / known, one, rcond=1e-9)[0] / known[:, None]

@@ -33,7 +33,7 @@ from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
-from stiffness.effects.jacobian import mixture, turn, values
+from stiffness.effects.jacobian import mixture, values
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.residual_map import GenericTerm
 
@@ -220,17 +220,3 @@ def test_a_set_that_leaves_as_much_with_more_parameters_is_worth_less():
     point = OperatingPoint(np.zeros(6), one, nothing, one, 10.0)
     assert point.worth(100) == pytest.approx(-5.0 - 1.5 * np.log(100.0))
     assert worth_of(none, 10.0, 100) == pytest.approx(-5.0)
-
-
-def test_another_form_of_a_load_counts_with_as_much_as_is_next_to_the_load():
-    """What a law without a load does stays as it is."""
-    angle = np.linspace(0.0, 3.0, 20)
-    load, felt = turn(0, np.sin(angle)), turn(1, np.cos(angle))
-    name = ("gravity_compensator", "a1")
-    known = FeltByOthers((), {name: felt}, {}, {name: np.ones(1)}, {name: load})
-    twice = known.of_load(name, turn(0, 2.0 * np.sin(angle), np.sin(angle)))
-    own, others = (values(part) for part in twice.parts)
-    assert_allclose(own, np.outer(np.sin(angle), [2.0, 1.0]))
-    assert_allclose(others, np.outer(np.cos(angle), [2.0, 1.0]))
-    wave = turn(0, np.sin(angle))
-    assert known.of_load(("transmission_error", "a1"), wave) is wave
