@@ -48,3 +48,8 @@ class RobotModel:
         """Return the file's name and what moves."""
         joints = ", ".join(self.facts.joints)
         return f"RobotModel({self.file.name!r}, joints {joints})"
+
+
+def axis_unit(slides: bool | np.bool_) -> tuple[str, float]:
+    """Return the unit in which people read an axis, and its number per rad or m."""
+    return ("mm", 1e3) if slides else ("°", float(np.degrees(1.0)))

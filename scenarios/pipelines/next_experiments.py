@@ -19,6 +19,7 @@ from bench.proof.proof_checks import some_of
 from bench.proof.refinement import refined, with_effects
 from bench.proof.simulation import NominalState
 from bench.shared.errors import BenchError
+from bench.shared.models import axis_unit
 from scenarios.pipelines.schema import Next
 from stiffness.diagnosis.result import Diagnosis, Name
 
@@ -106,5 +107,4 @@ def pose_at_border(
 ) -> tuple[float, ...]:
     """Return a posture in degrees, in mm where an axis slides."""
     pairs = zip(posture, slides, strict=True)
-    values = [1e3 * x if s else np.degrees(x) for x, s in pairs]
-    return tuple(round(float(x), 3) for x in values)
+    return tuple(round(float(axis_unit(s)[1] * x), 3) for x, s in pairs)

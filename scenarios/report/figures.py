@@ -26,6 +26,7 @@ from bench.proof.comparison import residual_of
 from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.proof.proof_checks import squares
+from bench.shared.models import axis_unit
 from scenarios.pipelines.diagnosis import MICRO, Curves, courses_of
 from scenarios.pipelines.patching import NEAR
 
@@ -298,7 +299,7 @@ def _loops(axes: Axes, curves: Curves, k: int) -> None:
 
 def _over_angle(axes: Axes, curves: Curves, k: int) -> None:
     """Draw all rows over an axis' angle."""
-    unit, factor = ("mm", MM) if curves.slides[k] else ("°", float(np.degrees(1.0)))
+    unit, factor = axis_unit(curves.slides[k])
     at = factor * curves.angle[:, k]
     seen, law = MICRO * curves.before[:, k], MICRO * curves.law[:, k]
     axes.plot(at, seen, ".", color=GREY, ms=4, label=WORDS[1])
@@ -406,8 +407,7 @@ def residual_map(
     top = 1.2 * np.quantile(size, 0.995)
     for ax in plots[len(axes) + 1 :]:
         ax.axis("off")
-    slides, turn = found.readings.arm.slides, float(np.degrees(1.0))
-    units = {k: ("mm", MM) if slides[k] else ("°", turn) for k in axes}
+    units = {k: axis_unit(found.readings.arm.slides[k]) for k in axes}
     things = [(f * posture[:, k], f"a{k + 1} [{u}]") for k, (u, f) in units.items()]
     for ax, (x, label) in zip(plots, [*things, (hours, "time [h]")], strict=False):
         ax.plot(x[~new], size[~new], ".", color=GREY, ms=2, rasterized=True)
@@ -463,8 +463,7 @@ def judged_over_angles(judgement: Judgement, file: Path) -> None:
     drawn: list[Line2D] = []
     for ax, k in zip(plots, axes, strict=False):
         axis, angle = j.axes[k], j.recording.posture[:, k]
-        slides = axis.name in j.slides
-        unit, factor = ("mm", MM) if slides else ("°", float(np.degrees(1.0)))
+        unit, factor = axis_unit(axis.name in j.slides)
         edge = np.linspace(*axis.angle, BINS + 1)
         part = np.clip(np.searchsorted(edge, angle, side="right") - 1, 0, BINS - 1)
         for low, high in () if axis.fitted is None else axis.fitted.angle_rad:

@@ -28,7 +28,7 @@ from bench.shared.format.table import (
     is_encoding,
     is_separator,
 )
-from bench.shared.models import ModelFacts
+from bench.shared.models import ModelFacts, axis_unit
 from bench.shared.recording import STAGES, Recording
 
 # --- Frames, bodies and axes of the manifest ------------------------------------------
@@ -387,7 +387,7 @@ def _beyond_limits(
         if name not in values:
             continue
         allowed = SLIDE_BEYOND_LIMIT if slides else BEYOND_LIMIT
-        unit, factor = ("mm", 1e3) if slides else ("°", float(np.degrees(1.0)))
+        unit, factor = axis_unit(slides)
         low, high = model.lower[joint], model.upper[joint]
         column: Float[np.ndarray, " rows"] = values[name]
         span = (low - allowed, high + allowed)
