@@ -45,7 +45,6 @@ from stiffness.diagnosis.selection import (
     fitted_jointly,
     searched_on,
 )
-from stiffness.experiment.static_state import StaticState
 from stiffness.regression.group_selection import (
     LIVE,
     exchange_worths,
@@ -189,13 +188,6 @@ def _with_laws(
             yield fitted_jointly(layout, case, [*fit.members, law])
 
 
-def _kind_of_load(here: StaticState, term: ModelTerm) -> str:
-    """Return whether a term is a load of one `axis`, of `all`, or `none`."""
-    if not acts_on_others(here, term):
-        return "none"
-    return "axis" if is_load_of_one_axis(here, term) else "all"
-
-
 def _imitators(
     model: SelectedModel,
 ) -> dict[Pair, tuple[float, ModelTerm]]:
@@ -212,7 +204,10 @@ def _imitators(
     if not asked:
         return found
     search = exchange_search(model)
-    kinds = [_kind_of_load(here, term) for term in search.terms]
+    acting = [acts_on_others(here, term) for term in search.terms]
+    every_term = zip(search.terms, acting, strict=True)
+    on_axis = [acts and is_load_of_one_axis(here, term) for term, acts in every_term]
+    no_load = [not acts for acts in acting]
     for member in asked:
         every = exchange_worths(search.problem, range(len(members)), member.name)
         alone = {n: w + every.price[n] for n, w in every.worth.items()}
@@ -222,12 +217,11 @@ def _imitators(
         if model.share > 1.0 - MUCH_OPEN:
             of_load = min(left, IMITATED * gain)
         of_term = max(LIVE, FORMS * gain) if changes_torques(here, member) else 0.0
-        asked_for = ({"all", "axis"}, of_load), ({"axis"}, of_load), ({"none"}, of_term)
-        for some, most in asked_for:
+        for some, most in ((acting, of_load), (on_axis, of_load), (no_load, of_term)):
             alike = [
                 (alone[term.name], float(gain), term)
-                for gain, term, own in zip(gains, search.terms, kinds, strict=True)
-                if own in some and term.name != member.name and term.name in alone
+                for gain, term, tried in zip(gains, search.terms, some, strict=True)
+                if tried and term.name != member.name and term.name in alone
             ]
             best = max(alike, key=lambda one: one[:2], default=None)
             less = np.inf if best is None else alone[member.name] - best[0]

@@ -507,8 +507,8 @@ def _of_member(situation, springs, member, fitted, errors, freedom):
     total = slope @ (cov + errors.unsure) @ slope.T
     spread = np.sqrt(np.maximum(np.diag(total), 0.0))
     of_sizes = slope[:, : len(errors.held)]
-    joint = of_sizes @ errors.held @ of_sizes.T
-    fixed = np.sqrt(np.maximum(np.diag(joint), 0.0))
+    held = of_sizes @ errors.held @ of_sizes.T
+    fixed = np.sqrt(np.maximum(np.diag(held), 0.0))
     moved = slope @ errors.shift
     nothing = member.hypothesis.nothing
     law, found = member.hypothesis, {}
@@ -516,8 +516,7 @@ def _of_member(situation, springs, member, fitted, errors, freedom):
     sizes = [k for k, name in enumerate(names) if name in nothing]
     apart = np.array([here[names[k]] - nothing[names[k]] for k in sizes])
     coarse = np.array([grain.get(names[k], 0.0) / quantile for k in sizes])
-    joint = joint[np.ix_(sizes, sizes)] + np.diag(coarse**2)
-    together = joint_statistic(apart, joint)
+    together = joint_statistic(apart, held[np.ix_(sizes, sizes)] + np.diag(coarse**2))
     for name, s, by, own in zip(names, spread, moved, fixed, strict=True):
         value = float(here[name])
         half = float(quantile * own + grain.get(name, 0.0))
