@@ -278,21 +278,10 @@ def parameters_of(
     for member, coefficients, own in every:
         index = np.concatenate([np.arange(len(fit.springs)), own])
         some, of_sizes = np.ix_(index, index), index[: len(index) - len(member.shape)]
-        answers.append(
-            _of_member(
-                situation,
-                springs,
-                member,
-                (fit.springs, coefficients),
-                _Errors(
-                    cov[some],
-                    held[np.ix_(of_sizes, of_sizes)],
-                    unsure[some],
-                    shift[index],
-                ),
-                freedom,
-            )
-        )
+        held_alone = held[np.ix_(of_sizes, of_sizes)]
+        errors = _Errors(cov[some], held_alone, unsure[some], shift[index])
+        term = _FittedTerm(situation, springs, member, fit.springs, coefficients)
+        answers.append(_with_intervals(term, errors, freedom))
     return answers
 
 
@@ -475,50 +464,84 @@ class _Errors:
     shift: Float[np.ndarray, " n"]
 
 
-def _of_member(situation, springs, member, fitted, errors, freedom):
+@dataclass(frozen=True, eq=False)
+class _FittedTerm:
+    """A term of a set with its fit and that of the springs.
+
+    Attributes:
+        situation: Where the arm stood.
+        springs: Axes of the springs.
+        member: The term.
+        softer: Changes of the springs' compliances, in rad/(N m).
+        coefficients: Of the term's columns.
+    """
+
+    situation: StaticState
+    springs: Sequence[int]
+    member: ModelTerm
+    softer: Float[np.ndarray, " springs"]
+    coefficients: Float[np.ndarray, " columns"]
+
+    @property
+    def fitted(self) -> Float[np.ndarray, " n"]:
+        """Return springs, coefficients and shapes, one after the other."""
+        return np.concatenate([self.softer, self.coefficients, self.member.shape])
+
+    def reported(self, fitted: Float[np.ndarray, " n"]) -> dict[str, float]:
+        """Return the parameters that people read, of some springs and numbers."""
+        ends = np.cumsum([len(self.softer), len(self.coefficients)])
+        softer, coefficients, shape = np.split(fitted, ends)
+        compliance = self.situation.compliance.copy()
+        compliance[list(self.springs)] += softer
+        state, where = self.situation.with_compliance(compliance), self.member.where
+        found = self.member.hypothesis.parameters(state, where, shape, coefficients)
+        number = int | float | np.floating
+        return {k: float(v) for k, v in found.items() if isinstance(v, number)}
+
+    def slopes(
+        self, steps: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "parameters n"]:
+        """Return slopes of the reported parameters by differences.
+
+        Args:
+            steps: Of springs, coefficients and shapes; 0: no slope.
+        """
+        start = self.fitted
+        slope = np.zeros((len(self.reported(start)), len(start)))
+        for i, step in enumerate(steps):
+            if step <= 0:
+                continue
+            high, low = start.copy(), start.copy()
+            high[i] += step
+            low[i] -= step
+            up, down = self.reported(high), self.reported(low)
+            slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in up]
+        return slope
+
+
+def _with_intervals(
+    term: _FittedTerm, errors: _Errors, freedom: int
+) -> FittedParameters:
+    """Return the reported parameters of a term with intervals of `LEVEL`.
+
+    Args:
+        term: As it was fitted.
+        errors: Of its springs, coefficients and shapes.
+        freedom: Degrees of freedom of their estimate.
+    """
+    law, here = term.member.hypothesis, term.reported(term.fitted)
     cov, quantile = errors.covariance, float(student.ppf(0.5 + LEVEL / 2, freedom))
-    start = np.concatenate([*fitted, member.shape])
-    n, m = len(fitted[0]), len(fitted[1])
-
-    def parameters(theta: np.ndarray) -> dict[str, float]:
-        compliance = situation.compliance.copy()
-        compliance[list(springs)] += theta[:n]
-        return dict(
-            member.hypothesis.parameters(
-                situation.with_compliance(compliance),
-                member.where,
-                theta[n + m :],
-                theta[n : n + m],
-            )
-        )
-
-    here = parameters(start)
-    names = [k for k, v in here.items() if isinstance(v, int | float | np.floating)]
-    sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
-    slope = np.zeros((len(names), len(start)))
-    for i, step in enumerate(1e-3 * sigma):
-        if step <= 0:
-            continue
-        high, low = start.copy(), start.copy()
-        high[i] += step
-        low[i] -= step
-        up, down = parameters(high), parameters(low)
-        slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
+    slope = term.slopes(1e-3 * np.sqrt(np.maximum(np.diag(cov), 0.0)))
     total = slope @ (cov + errors.unsure) @ slope.T
     spread = np.sqrt(np.maximum(np.diag(total), 0.0))
     of_sizes = slope[:, : len(errors.held)]
     held = of_sizes @ errors.held @ of_sizes.T
     fixed = np.sqrt(np.maximum(np.diag(held), 0.0))
     moved = slope @ errors.shift
-    nothing = member.hypothesis.nothing
-    law, found = member.hypothesis, {}
-    grain = law.grain(situation)
-    sizes = [k for k, name in enumerate(names) if name in nothing]
-    apart = np.array([here[names[k]] - nothing[names[k]] for k in sizes])
-    coarse = np.array([grain.get(names[k], 0.0) / quantile for k in sizes])
-    together = joint_statistic(apart, held[np.ix_(sizes, sizes)] + np.diag(coarse**2))
+    names, nothing, grain = list(here), law.nothing, law.grain(term.situation)
+    found = dict[str, Interval]()
     for name, s, by, own in zip(names, spread, moved, fixed, strict=True):
-        value = float(here[name])
+        value = here[name]
         half = float(quantile * own + grain.get(name, 0.0))
         wide = float(quantile * np.hypot(s, by) + grain.get(name, 0.0))
         if name in nothing and half < abs(value - nothing[name]):
@@ -533,7 +556,11 @@ def _of_member(situation, springs, member, fitted, errors, freedom):
         if name in found:
             of = [names.index(part) for part in parts]
             joint = total[np.ix_(of, of)] + np.outer(moved[of], moved[of])
-            above, below = (float(here[part]) for part in parts)
+            above, below = (here[part] for part in parts)
             found[name] = quotient_interval(above, below, joint, quantile)
+    sizes = [k for k, name in enumerate(names) if name in nothing]
+    apart = np.array([here[names[k]] - nothing[names[k]] for k in sizes])
+    coarse = np.array([grain.get(names[k], 0.0) / quantile for k in sizes])
+    together = joint_statistic(apart, held[np.ix_(sizes, sizes)] + np.diag(coarse**2))
     limit = float(fisher.ppf(LEVEL, max(len(sizes), 1), freedom))
     return FittedParameters(found, together, limit)

@@ -182,6 +182,41 @@ def fitted_jointly(
     return layout.fitted_jointly(case, fit_model(case, beyond_present_names(terms)))
 
 
+@dataclass(frozen=True, eq=False)
+class _Selection:
+    """A set as it was selected in one layout of columns, before it is gated.
+
+    Attributes:
+        terms: The set.
+        fine: Fine shapes of its names and of what could stand in their place.
+        decisions: Of the search.
+    """
+
+    terms: tuple[ModelTerm, ...]
+    fine: Sequence[ModelTerm]
+    decisions: Sequence[Decision]
+
+
+def _selected_in(
+    search: Search, selected: GroupSelection, refused: Collection[Name]
+) -> _Selection:
+    """Search on from a set among fine shapes, with rivals and with generic terms.
+
+    Args:
+        search: What the set was selected from.
+        selected: The set.
+        refused: Names that are left out.
+    """
+    own = [search.terms[k] for k in selected.groups]
+    fine = at_fine_shapes(search, selected.groups)
+    search = Search.of(search.case, [*own, *fine], refused)
+    selected = select_groups(search.problem, range(len(own)))
+    selected = from_rivals(search, selected, len(own) + len(fine))
+    terms = fit_shapes(search.case, one_each(search, selected.groups))
+    terms, searched = with_generic_terms(search.case, terms, fine, refused)
+    return _Selection(terms, fine, (*selected.decisions, *searched))
+
+
 def _selected_under(
     layout: Layout,
     search: Search,
@@ -206,14 +241,8 @@ def _selected_under(
         again: How often the search may go on.
         before: What columns are laid out under; None: under nothing that was named.
     """
-    case = search.case
-    own = [search.terms[k] for k in selected.groups]
-    fine = at_fine_shapes(search, selected.groups)
-    search = Search.of(case, [*own, *fine], refused)
-    selected = select_groups(search.problem, range(len(own)))
-    selected = from_rivals(search, selected, len(own) + len(fine))
-    terms = fit_shapes(case, one_each(search, selected.groups))
-    terms, searched = with_generic_terms(case, terms, fine, refused)
+    found, case = _selected_in(search, selected, refused), search.case
+    terms, fine = found.terms, found.fine
     names = {term.name for term in terms}
     named = not any(term.is_generic for term in terms)
     if before is not None and named and names != before.fit.names:
@@ -222,7 +251,7 @@ def _selected_under(
             terms = before.fit.members
         else:
             case, terms = layout.at(point), point.fit.members
-    model = _judged(case, terms, fine, [*selected.decisions, *searched])
+    model = _judged(case, terms, fine, found.decisions)
     acting = frozenset[Name]() if case.named is None else loads_of(case, case.named)
     held = acting <= model.fit.names
     if held and not changes(model.case, layout.prepared, model.fit):
@@ -371,18 +400,15 @@ def _judged(
         if beside and all(d.accepted for d in of_sizes):  # and what is reported
             parameters = parameters_of(*here, look, case.split)
             of_sizes = held_by_nothing(terms, parameters)
-        withheld = [
-            decision
-            for decision in of_sizes
-            if not decision.accepted or with_part_less(case, terms, decision.candidate)
-        ]
+        less = {d.candidate: with_part_less(case, terms, d.candidate) for d in of_sizes}
+        withheld = [d for d in of_sizes if not d.accepted or less[d.candidate]]
         if not withheld:
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
         wrong = weakest.candidate
-        if weakest.gate == "magnitude" and (less := with_part_less(case, terms, wrong)):
-            terms = fit_shapes(case, less)
+        if weakest.gate == "magnitude" and less[wrong]:
+            terms = fit_shapes(case, less[wrong])
             continue
         if weakest.gate == "physical":
             weakest = _needed_least(case, look.fit, weakest)
