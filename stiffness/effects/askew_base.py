@@ -18,53 +18,40 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, Shape, Shapes
+from stiffness.effects.base import Shape
 from stiffness.effects.base_compliance import SOFT_TURN, BaseCompliance
 from stiffness.effects.jacobian import EffectJacobian, hstack, mixture
 from stiffness.experiment.static_state import StaticState
 
-ALIGNED = BaseCompliance()
 EACH = np.eye(7)
 """Its variants one by one: the coupling of both level tilts comes first."""
 
 
 @dataclass(frozen=True)
-class AskewBase(Hypothesis):
+class AskewBase(BaseCompliance):
     """Six springs between the floor and the base, the two tilts coupled."""
 
-    effect: ClassVar[str] = BaseCompliance.effect
-    linear: ClassVar[bool] = True
-    shape_names: ClassVar[tuple[str, ...]] = BaseCompliance.shape_names
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         **BaseCompliance.limits,
         "rxy_rad_per_nm": (-1e-4, 1e-4),
     }
-    magnitudes: ClassVar[tuple[str, ...]] = BaseCompliance.magnitudes
-
-    @override
-    def places(self, situation: StaticState) -> tuple[str, ...]:
-        return ALIGNED.places(situation)
-
-    @override
-    def shapes(self, situation: StaticState, where: str) -> Shapes:
-        return ALIGNED.shapes(situation, where)
 
     @override
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         at = situation, where, shape
-        coupled = mixture(ALIGNED.variants(*at), EACH[:, :1])
-        return hstack([ALIGNED.jacobian(*at), coupled])
+        coupled = mixture(super().variants(*at), EACH[:, :1])
+        return hstack([super().jacobian(*at), coupled])
 
     @override
     def prior_sigma(
         self, situation: StaticState, where: str
     ) -> Float[np.ndarray, " columns"]:
-        return np.append(ALIGNED.prior_sigma(situation, where), SOFT_TURN)
+        return np.append(super().prior_sigma(situation, where), SOFT_TURN)
 
     @override
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        return mixture(ALIGNED.variants(situation, where, shape), EACH[:, 1:])
+        return mixture(super().variants(situation, where, shape), EACH[:, 1:])

@@ -16,45 +16,38 @@ from typing import ClassVar
 
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
+from stiffness.effects.base import Coeffs, Shape
 from stiffness.effects.bearing_tilt import BearingTilt
-from stiffness.effects.jacobian import EffectJacobian, hstack
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, hstack
 from stiffness.experiment.static_state import StaticState
-
-ALIGNED = BearingTilt()
 
 
 @dataclass(frozen=True)
-class AskewTilt(Hypothesis):
+class AskewTilt(BearingTilt):
     """A hinge that tilts about one direction as the moment about the other says."""
 
-    effect: ClassVar[str] = BearingTilt.effect
-    linear: ClassVar[bool] = True
-    shape_names: ClassVar[tuple[str, ...]] = BearingTilt.shape_names
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         **BearingTilt.limits,
         "uv_rad_per_nm": (-1e-3, 1e-3),
     }
-    magnitudes: ClassVar[tuple[str, ...]] = BearingTilt.magnitudes
-
-    @override
-    def places(self, situation: StaticState) -> tuple[str, ...]:
-        return ALIGNED.places(situation)
-
-    @override
-    def shapes(self, situation: StaticState, where: str) -> Shapes:
-        return ALIGNED.shapes(situation, where)
 
     @override
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         at = situation, where, shape
-        return hstack([ALIGNED.jacobian(*at), ALIGNED.variants(*at)])
+        return hstack([super().jacobian(*at), super().variants(*at)])
+
+    @override
+    def variants(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        """Return nothing: the coupling of both tilts is a column of its own."""
+        return NOTHING
 
     @override
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        aligned = ALIGNED.parameters(situation, where, shape, coefficients[:2])
+        aligned = super().parameters(situation, where, shape, coefficients[:2])
         return {**aligned, "uv_rad_per_nm": coefficients[2]}

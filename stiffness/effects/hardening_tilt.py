@@ -19,13 +19,12 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
+from stiffness.effects.base import Coeffs, Shape, Shapes
 from stiffness.effects.bearing_tilt import BearingTilt, across
 from stiffness.effects.hardening import LEAST, bent
 from stiffness.effects.jacobian import EffectJacobian, rotate
 from stiffness.experiment.static_state import StaticState
 
-LINEAR = BearingTilt()
 CENTRES = (-0.2, 0.0, 0.2)
 """Centres that are tried, in m; chosen: an arm's bearing lies nearer."""
 PIECES = ((0.0, 0.06), (0.0, 0.25), (0.4, 0.25), (0.4, 0.6))
@@ -34,10 +33,10 @@ chosen: a play, and rollers that give way, as of a gear."""
 
 
 @dataclass(frozen=True)
-class HardeningTilt(Hypothesis):
+class HardeningTilt(BearingTilt):
     """A hinge that tilts less per moment the larger the moment is."""
 
-    effect: ClassVar[str] = BearingTilt.effect
+    linear: ClassVar[bool] = False
     shape_names: ClassVar[tuple[str, ...]] = (
         *BearingTilt.shape_names,
         "compliance_ratio",
@@ -48,11 +47,6 @@ class HardeningTilt(Hypothesis):
         "compliance_ratio": (0.0, 1.0),
         "moment_nm": (0.0, np.inf),
     }
-    magnitudes: ClassVar[tuple[str, ...]] = BearingTilt.magnitudes
-
-    @override
-    def places(self, situation: StaticState) -> tuple[str, ...]:
-        return LINEAR.places(situation)
 
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
@@ -90,7 +84,7 @@ class HardeningTilt(Hypothesis):
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        linear = LINEAR.parameters(situation, where, shape[:1], coefficients)
+        linear = super().parameters(situation, where, shape[:1], coefficients)
         return {**linear, "compliance_ratio": shape[1], "moment_nm": shape[2]}
 
 

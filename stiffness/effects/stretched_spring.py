@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, orders
+from stiffness.effects.base import Coeffs, Shape, Shapes, orders
 from stiffness.effects.gravity_compensator import GravityCompensator, helped
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
@@ -36,23 +36,20 @@ middle."""
 
 
 @dataclass(frozen=True)
-class StretchedSpring(Hypothesis):
+class StretchedSpring(GravityCompensator):
     """An axis with the torque of a spring of some free length."""
 
-    effect: ClassVar[str] = GravityCompensator.effect
     shape_names: ClassVar[tuple[str, ...]] = ("phase_rad", "arm_ratio")
-    log_prior: ClassVar[float] = GravityCompensator.log_prior
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         **GravityCompensator.limits,
         "free_length_ratio": (-1e2, 1.0),
         "arm_ratio": (0.0, 1.0),
     }
-    magnitudes: ClassVar[tuple[str, ...]] = GravityCompensator.magnitudes
     neutral: ClassVar[Mapping[str, float]] = {"free_length_ratio": 0.0}
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:
-        some = GravityCompensator().places(situation)
+        some = super().places(situation)
         return tuple(a for a in some if 1.0 in orders(situation, situation.axis(a)))
 
     @override

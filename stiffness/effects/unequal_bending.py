@@ -19,36 +19,23 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
+from stiffness.effects.base import Coeffs, Shape
 from stiffness.effects.jacobian import EffectJacobian, hstack, mixture
 from stiffness.effects.link_bending import LinkBending, bending, hinges
 from stiffness.experiment.static_state import StaticState
 
-PLAIN = LinkBending()
 EACH = np.eye(4)
 """Columns of `bending` one by one; the third couples both directions."""
 
 
 @dataclass(frozen=True)
-class UnequalBending(Hypothesis):
+class UnequalBending(LinkBending):
     """Link that bends less in one direction than across it."""
 
-    effect: ClassVar[str] = LinkBending.effect
-    linear: ClassVar[bool] = True
-    shape_names: ClassVar[tuple[str, ...]] = LinkBending.shape_names
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         **LinkBending.limits,
         "bending_ratio": (0.0, np.inf),
     }
-    magnitudes: ClassVar[tuple[str, ...]] = LinkBending.magnitudes
-
-    @override
-    def places(self, situation: StaticState) -> tuple[str, ...]:
-        return PLAIN.places(situation)
-
-    @override
-    def shapes(self, situation: StaticState, where: str) -> Shapes:
-        return PLAIN.shapes(situation, where)
 
     @override
     def jacobian(
@@ -70,5 +57,5 @@ class UnequalBending(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         about, across, torsion = coefficients
-        equal = PLAIN.parameters(situation, where, shape, np.array([about, torsion]))
+        equal = super().parameters(situation, where, shape, np.array([about, torsion]))
         return {**equal, "bending_ratio": about / across}

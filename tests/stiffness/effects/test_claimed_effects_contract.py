@@ -108,7 +108,8 @@ def test_every_effect_of_the_vocabulary_has_a_hypothesis_and_no_other_has():
 def test_every_file_states_equation_source_validity_and_what_it_ignores():
     generic = "stiffness/effects/residual_map.py"  # no law: whatever a place may do
     files = [file for file in python_files("stiffness/effects") if file != generic]
-    held = [file for file in files if re.search(r"\(Hypothesis\):", text(file))]
+    kinds = "|".join({"Hypothesis", *(type(law).__name__ for law in HYPOTHESES)})
+    held = [file for file in files if re.search(rf"\(({kinds})\):", text(file))]
     assert len(held) == len(HYPOTHESES)
     for file in held:
         rows = re.findall(r"^(\w+) {2,}\S", docstring(file), re.MULTILINE)
