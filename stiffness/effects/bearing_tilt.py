@@ -21,7 +21,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
-from stiffness.effects.jacobian import EffectJacobian, rotate
+from stiffness.effects.jacobian import EffectJacobian, rotation_about
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.kinematics import cross
 
@@ -54,7 +54,7 @@ class BearingTilt(Hypothesis):
     ) -> EffectJacobian:
         seat, about, centre = across(situation, where, shape[0])
         rotation = seat * about[:, None, :]
-        return EffectJacobian(2, (rotate(situation.axis(where) + 1, rotation, centre),))
+        return rotation_about(situation.axis(where) + 1, rotation, centre)
 
     @override
     def variants(
@@ -62,7 +62,7 @@ class BearingTilt(Hypothesis):
     ) -> EffectJacobian:
         seat, about, centre = across(situation, where, shape[0])
         askew = np.einsum("rij,rj->ri", seat, about[:, ::-1])[:, :, None]
-        return EffectJacobian(1, (rotate(situation.axis(where) + 1, askew, centre),))
+        return rotation_about(situation.axis(where) + 1, askew, centre)
 
     @override
     def parameters(

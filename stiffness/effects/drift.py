@@ -30,7 +30,7 @@ from stiffness.effects.base import (
     Shapes,
     apart,
 )
-from stiffness.effects.jacobian import BodyTwist, EffectJacobian, rotate, translate
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian, six_motions
 from stiffness.experiment.static_state import StaticState
 
 HOUR = 3600.0
@@ -135,7 +135,7 @@ def wander(
     twists = []
     for course in courses:
         along = course[:, None, None] * frame[:3, :3]
-        twists += [translate(0, along).twist, rotate(0, along, centre).twist]
+        twists.append(six_motions(0, along, centre).twist)
     return EffectJacobian(
         6 * len(courses), (BodyTwist(0, np.concatenate(twists, axis=2)),)
     )

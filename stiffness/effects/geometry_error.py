@@ -20,12 +20,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, axes_of
-from stiffness.effects.jacobian import (
-    BodyTwist,
-    EffectJacobian,
-    rotate,
-    translate,
-)
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian, six_motions
 from stiffness.effects.statics import turned_load, wind_up
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.chain import link_error_of
@@ -90,11 +85,8 @@ class _Motion:
 def _motion_of(situation: StaticState, link: str) -> _Motion:
     _, place = situation.ends_of(link)
     axes = axes_of(situation, link)
-    shift = translate(place, axes).twist
-    turned = rotate(place, axes, _end_as_drawn(situation, link)).twist
-    twist = np.concatenate([shift, turned], axis=2)
-    torque = turned_load(situation, place - 1, twist)
-    return _Motion(BodyTwist(place, twist), torque)
+    motion = six_motions(place, axes, _end_as_drawn(situation, link))
+    return _Motion(motion, turned_load(situation, place - 1, motion.twist))
 
 
 def _end_as_drawn(situation: StaticState, link: str) -> Float[np.ndarray, "rows 3"]:

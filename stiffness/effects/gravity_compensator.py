@@ -23,7 +23,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, orders, sprung
-from stiffness.effects.jacobian import EffectJacobian, rotate, turn
+from stiffness.effects.jacobian import EffectJacobian, rotation_about, turn
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
 
@@ -70,7 +70,7 @@ class GravityCompensator(Hypothesis):
         across = situation.seat[:, k + 1, :, :2]
         waves = (np.sin(angle), np.cos(angle))
         tilt = np.concatenate([across * w[:, None, None] for w in waves], axis=2)
-        return EffectJacobian(4, (rotate(k + 1, tilt, situation.origin[:, k + 1]),))
+        return rotation_about(k + 1, tilt, situation.origin[:, k + 1])
 
     @override
     def acting(

@@ -22,7 +22,7 @@ from typing_extensions import override
 from stiffness.effects.base import Coeffs, Shape, Shapes
 from stiffness.effects.bearing_tilt import BearingTilt, across
 from stiffness.effects.hardening import LEAST, bent
-from stiffness.effects.jacobian import EffectJacobian, rotate
+from stiffness.effects.jacobian import EffectJacobian, rotation_about
 from stiffness.experiment.static_state import StaticState
 
 CENTRES = (-0.2, 0.0, 0.2)
@@ -62,7 +62,7 @@ class HardeningTilt(BearingTilt):
     ) -> EffectJacobian:
         seat, about, centre = across(situation, where, shape[0])
         rotation = seat * hardened(about, shape)[:, None, :]
-        return EffectJacobian(2, (rotate(situation.axis(where) + 1, rotation, centre),))
+        return rotation_about(situation.axis(where) + 1, rotation, centre)
 
     @override
     def variants(
@@ -78,7 +78,7 @@ class HardeningTilt(BearingTilt):
         askew = np.einsum("rij,rj->ri", seat, crossed)[:, :, None]
         columns = [seat * law[:, None, :] for law in (whole, smooth)]
         rotation = np.concatenate([*columns, askew], axis=2)
-        return EffectJacobian(5, (rotate(situation.axis(where) + 1, rotation, centre),))
+        return rotation_about(situation.axis(where) + 1, rotation, centre)
 
     @override
     def parameters(

@@ -150,6 +150,25 @@ def translate(site: int, shift: Float[np.ndarray, "rows 3 columns"]) -> BodyTwis
     return BodyTwist(site, np.concatenate([shift, np.zeros_like(shift)], axis=1))
 
 
+def rotation_about(
+    site: int,
+    rotation: Float[np.ndarray, "rows 3 columns"],
+    centre: Float[np.ndarray, "rows 3"],
+) -> EffectJacobian:
+    """Return the Jacobian of bodies that only rotate about a point: see `rotate`."""
+    return EffectJacobian(rotation.shape[2], (rotate(site, rotation, centre),))
+
+
+def six_motions(
+    site: int,
+    axes: Float[np.ndarray, "rows 3 3"],
+    centre: Float[np.ndarray, "rows 3"],
+) -> BodyTwist:
+    """Return translations along three axes, then rotations about them, of bodies."""
+    twists = translate(site, axes).twist, rotate(site, axes, centre).twist
+    return BodyTwist(site, np.concatenate(twists, axis=2))
+
+
 def site_number(part: JacobianBlock) -> int:
     """Return the number of the axis, place or marker where a block acts."""
     if isinstance(part, BodyTwist):

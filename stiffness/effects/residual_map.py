@@ -53,6 +53,8 @@ from stiffness.effects.jacobian import (
     JointRotation,
     MarkerDisplacement,
     rotate,
+    rotation_about,
+    six_motions,
     translate,
 )
 from stiffness.effects.statics import misread, reading
@@ -301,12 +303,10 @@ def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
     moment = np.einsum("rij,ri->rj", across, situation.moment[:, place])
     m = moment / (np.max(np.abs(moment)) + 1e-9)
     rotation = np.concatenate([across * m[:, None, :], _one_sided(across, m)], axis=2)
-    tilt = rotate(place, rotation, situation.origin[:, place])
-    blocks.append(
-        MapBlock(where, "tilt", "load", EffectJacobian(rotation.shape[2], (tilt,)))
-    )
-    lag = rotate(place, _lagging(situation, across, moment), situation.origin[:, place])
-    friction = EffectJacobian(lag.twist.shape[2], (lag,))
+    tilt = rotation_about(place, rotation, situation.origin[:, place])
+    blocks.append(MapBlock(where, "tilt", "load", tilt))
+    lag = _lagging(situation, across, moment)
+    friction = rotation_about(place, lag, situation.origin[:, place])
     blocks.append(MapBlock(where, "friction", "history", friction))
     blocks.append(MapBlock(where, "compliance", "load", _compliance(situation, place)))
     blocks.append(MapBlock(where, "geometry", "geometry", _constant(situation, place)))
@@ -338,10 +338,8 @@ def _compliance(situation: StaticState, place: int) -> EffectJacobian:
 
     Twist and wrench are along the axes of the moving side: Klimchik et al. 2011.
     """
-    frame, origin = situation.frame[:, place], situation.origin[:, place]
-    shift = translate(place, frame).twist
-    turned = rotate(place, frame, origin).twist
-    motion = np.concatenate([shift, turned], axis=2)  # (rows, 6, 6)
+    frame = situation.frame[:, place]
+    motion = six_motions(place, frame, situation.origin[:, place]).twist
     wrench = np.concatenate(
         [
             np.einsum("rij,ri->rj", frame, situation.force[:, place]),
@@ -412,11 +410,8 @@ def _harmonics(situation: StaticState, k: int, angle: np.ndarray) -> np.ndarray:
 
 def _constant(situation: StaticState, place: int) -> EffectJacobian:
     """Return six constant small motions of a place, along its seat's axes."""
-    seat = situation.seat[:, place]
-    shift = translate(place, seat)
-    turned = rotate(place, seat, situation.origin[:, place])
-    twist = np.concatenate([shift.twist, turned.twist], axis=2)
-    return EffectJacobian(6, (BodyTwist(place, twist),))
+    seat, origin = situation.seat[:, place], situation.origin[:, place]
+    return EffectJacobian(6, (six_motions(place, seat, origin),))
 
 
 def _warming(situation: StaticState, link: int, place: int) -> MapBlock:
