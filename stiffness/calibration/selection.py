@@ -74,7 +74,6 @@ from stiffness.regression.normal_equations import (
     total_of,
 )
 from stiffness.regression.splits import k_means, seed_of_values
-from stiffness.regression.testing import mean_log_gain
 
 # --- Spatial folds --------------------------------------------------------------------
 
@@ -238,6 +237,14 @@ def residual_squares_of(folds: Sequence[Normal], solutions) -> Tried:
         both = np.sum(x * (fold.gram @ x), axis=0)
         found.append(fold.square - 2.0 * fold.aim @ x + both)
     return np.array(found)
+
+
+def mean_log_gain(
+    before: Float[np.ndarray, " folds"], after: Float[np.ndarray, " folds"]
+) -> tuple[float, float]:
+    """Return the mean gain of the logarithm of the residual, and its standard error."""
+    each = np.log(before / after)
+    return float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each)))
 
 
 # --- Confounded effects ---------------------------------------------------------------

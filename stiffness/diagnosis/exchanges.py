@@ -12,7 +12,7 @@ Ignores     two loads that are imitated at once
 ==========  ==========================================================================
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from stiffness.diagnosis.joint_fit import (
     unexplained,
     worth_of,
 )
-from stiffness.diagnosis.model_fit import ModelTerm, fit_model
+from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, fit_model
 from stiffness.diagnosis.relinearisation import (
     acts_on_others,
     changes_torques,
@@ -31,10 +31,10 @@ from stiffness.diagnosis.relinearisation import (
 )
 from stiffness.diagnosis.search import (
     FORMS,
+    Search,
+    best_of_names,
     beyond_present_names,
-    is_of_a_gear,
-    laws_of_gear_beside,
-    load_of_axis,
+    terms_of,
 )
 from stiffness.diagnosis.selection import (
     CLEAR,
@@ -94,7 +94,7 @@ def _without_needless_terms(layout: Layout, model: SelectedModel) -> SelectedMod
     """
     case, members = model.case, model.fit.members
     worth = worth_of(model.fit, unexplained(case, model.fit), case.poses)
-    for term in (m for m in members if is_of_a_gear(m)):
+    for term in (m for m in members if _is_of_a_gear(m)):
         rest = [m for m in members if m.name != term.name]
         names = (m for m in rest if m.where == term.where and not m.is_generic)
         if not any("torque" in m.depends_on for m in names):
@@ -135,7 +135,7 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
     case, best, less = model.case, None, dict[Pair, float]()
     here, members, tried = case.situation, model.fit.members, _imitators(model)
     much = model.unexplained_square > CLEAR
-    unknown = [m for m in members if much and is_of_a_gear(m)]
+    unknown = [m for m in members if much and _is_of_a_gear(m)]
     if not tried and not unknown:
         return _ExchangeStep(best, less)
     most = layout.fitted_jointly(case, model.fit).worth(case.poses)
@@ -179,13 +179,52 @@ def _with_laws(
         where: The axis.
         most: What the other set is worth.
     """
-    own = [m for m in point.fit.members if not (is_of_a_gear(m) and m.where == where)]
+    own = [m for m in point.fit.members if not (_is_of_a_gear(m) and m.where == where)]
     case = layout.at(point)
     fit = fit_model(case, beyond_present_names(own))
     worth = worth_of(fit, unexplained(case, fit), case.poses)
     for gain, law in laws_of_gear_beside(case, fit.members, where)[:MOST_LAWS]:
         if worth + 0.5 * gain > most:
             yield fitted_jointly(layout, case, [*fit.members, law])
+
+
+def _is_of_a_gear(term: ModelTerm) -> bool:
+    """Return whether a term has no name and depends on the torque of an axis."""
+    return term.is_generic and "torque" in term.depends_on
+
+
+def load_of_axis(case: SelectionProblem, where: str) -> ModelTerm | None:
+    """Return the simplest load of an axis; None: there is none."""
+    own = (term for term, _ in terms_of(case.library) if term.where == where)
+    loads = [term for term in own if is_load_of_one_axis(case.situation, term)]
+    return min(loads, key=lambda term: len(term.shape), default=None)
+
+
+def laws_of_gear_beside(
+    case: SelectionProblem, terms: Sequence[ModelTerm], where: str
+) -> list[tuple[float, ModelTerm]]:
+    """Return the laws of a gear that a set is without, what does most beside it first.
+
+    Args:
+        case: As laid out under the set.
+        terms: The set.
+        where: The axis.
+
+    Returns:
+        Of each law the whitened square that it explains, and its best shape.
+    """
+    search = Search.of(case, terms)
+    held = {term.name for term in terms}
+    gains = gains_beside(search.problem, range(len(terms)))
+    every = (
+        (float(gains[k]), search.terms[k]) for k in best_of_names(search.problem, gains)
+    )
+    return [
+        (gain, term)
+        for gain, term in every
+        if term.where == where and "torque" in term.depends_on
+        if term.name not in held and not term.is_generic
+    ]
 
 
 def _imitators(

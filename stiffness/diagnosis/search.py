@@ -32,7 +32,6 @@ from stiffness.diagnosis.model_fit import (
     fit_shapes,
     tried,
 )
-from stiffness.diagnosis.relinearisation import is_load_of_one_axis
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.candidates import Library, Mapped
 from stiffness.effects.residual_map import SENSOR
@@ -94,7 +93,7 @@ class Search:
         )
         of_library = [
             one
-            for one in _terms_of(case.library)
+            for one in terms_of(case.library)
             if one[0].name not in refused and (every_form or one[0].is_first_form)
         ]
         equations, of_first = case.augmented.by(
@@ -127,7 +126,7 @@ class Search:
         return cls(case, terms, problem)
 
 
-def _terms_of(library: Library) -> list[tuple[ModelTerm, Int[np.ndarray, " columns"]]]:
+def terms_of(library: Library) -> list[tuple[ModelTerm, Int[np.ndarray, " columns"]]]:
     """Return the library's terms at all coarse shapes, with their columns."""
     return [
         (ModelTerm(candidate.hypothesis, candidate.where, shape), columns)
@@ -165,7 +164,7 @@ def first_search(problem: GroupProblem) -> GroupSelection:
     best = select_groups(problem)
     if not 0 < len(best.groups) <= SMALL_SET:
         return best
-    strongest = _best_of_names(problem, gains_beside(problem, []))
+    strongest = best_of_names(problem, gains_beside(problem, []))
     starts = strongest[1 : STARTS + 1]
     for k in starts:
         if k not in best.groups:
@@ -173,7 +172,7 @@ def first_search(problem: GroupProblem) -> GroupSelection:
     return best
 
 
-def _best_of_names(
+def best_of_names(
     problem: GroupProblem, gains: Float[np.ndarray, " groups"]
 ) -> list[int]:
     """Return of each name the group that explains most, the strongest name first."""
@@ -208,9 +207,7 @@ def from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSel
     for name in held:
         rest = [k for k in groups if terms[k].name != name]
         gains = gains_beside(problem, rest)[:fine]
-        rivals = (
-            k for k in _best_of_names(problem, gains) if terms[k].name not in held
-        )
+        rivals = (k for k in best_of_names(problem, gains) if terms[k].name not in held)
         for k in islice(rivals, STARTS):
             best = _worth_more(best, select_groups(problem, [*rest, k]))
     return best
@@ -474,46 +471,6 @@ def beyond_present_names(terms: Sequence[ModelTerm]) -> tuple[ModelTerm, ...]:
         replace(term, beyond=tuple(own[n] for n in names if n in own))
         for term, names in zip(terms, sites, strict=True)
     )
-
-
-def is_of_a_gear(term: ModelTerm) -> bool:
-    """Return whether a term has no name and depends on the torque of an axis."""
-    return term.is_generic and "torque" in term.depends_on
-
-
-def load_of_axis(case: SelectionProblem, where: str) -> ModelTerm | None:
-    """Return the simplest load of an axis; None: there is none."""
-    own = (term for term, _ in _terms_of(case.library) if term.where == where)
-    loads = [term for term in own if is_load_of_one_axis(case.situation, term)]
-    return min(loads, key=lambda term: len(term.shape), default=None)
-
-
-def laws_of_gear_beside(
-    case: SelectionProblem, terms: Sequence[ModelTerm], where: str
-) -> list[tuple[float, ModelTerm]]:
-    """Return the laws of a gear that a set is without, what does most beside it first.
-
-    Args:
-        case: As laid out under the set.
-        terms: The set.
-        where: The axis.
-
-    Returns:
-        Of each law the whitened square that it explains, and its best shape.
-    """
-    search = Search.of(case, terms)
-    held = {term.name for term in terms}
-    gains = gains_beside(search.problem, range(len(terms)))
-    every = (
-        (float(gains[k]), search.terms[k])
-        for k in _best_of_names(search.problem, gains)
-    )
-    return [
-        (gain, term)
-        for gain, term in every
-        if term.where == where and "torque" in term.depends_on
-        if term.name not in held and not term.is_generic
-    ]
 
 
 def _site(term: ModelTerm) -> str:

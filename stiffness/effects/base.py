@@ -337,11 +337,6 @@ def still(situation: StaticState, axis: int) -> bool:
     return not situation.arm.slides[axis] and not len(orders(situation, axis))
 
 
-def middle_angle(situation: StaticState, axis: int) -> float:
-    """Return the mean reported angle of an axis, in rad."""
-    return float(np.mean(situation.recording.posture[:, axis]))
-
-
 def absolute(situation: StaticState) -> bool:
     """Return whether displacements that are constant throughout a visit can be seen."""
     return situation.recording.displacement == "absolute"

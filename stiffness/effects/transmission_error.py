@@ -26,7 +26,6 @@ from stiffness.effects.base import (
     Shape,
     Shapes,
     absolute,
-    middle_angle,
     orders,
     still,
 )
@@ -102,7 +101,8 @@ class TransmissionError(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         if len(coefficients) == 1:  # all of a sine at its crest where the axis stands
-            at = shape[0] * middle_angle(situation, situation.axis(where))
+            angle = situation.recording.posture[:, situation.axis(where)]
+            at = shape[0] * float(np.mean(angle))
             coefficients = coefficients[0] * np.array([np.sin(at), np.cos(at)])
         return harmonics(shape, coefficients)[0]
 

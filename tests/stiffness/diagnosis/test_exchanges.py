@@ -12,12 +12,14 @@ from stiffness.diagnosis.exchanges import (
     _exchange_step,
     _imitators,
     _without_needless_terms,
+    laws_of_gear_beside,
+    load_of_axis,
 )
 from stiffness.diagnosis.joint_fit import Layout, unexplained
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem, total_softening
-from stiffness.diagnosis.search import Search, laws_of_gear_beside, load_of_axis
+from stiffness.diagnosis.search import Search
 from stiffness.diagnosis.selection import (
     _judged,
     _selected_under,
