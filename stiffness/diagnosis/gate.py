@@ -30,6 +30,7 @@ from stiffness.diagnosis.model_fit import (
     losses_without,
     training,
 )
+from stiffness.diagnosis.relinearisation import changes_moments
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     per_pose_scores,
@@ -226,7 +227,7 @@ def second_order_name(
         gated: What each name's leaving costs.
     """
     here = case.situation
-    loads = [t for t in terms if _changes_loads(here, t)]
+    loads = [t for t in terms if changes_moments(here, t)]
     acting = frozenset() if case.named is None else case.named.names
     strong = [t for t in terms if t.hypothesis.linear or t in loads] if loads else []
     lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
@@ -245,13 +246,6 @@ def second_order_name(
                 Decision(term.name, "second_order", False, share, SECOND_ORDER, reason)
             )
     return min(found, key=lambda d: d.statistic, default=None)
-
-
-def _changes_loads(here: StaticState, term: ModelTerm) -> bool:
-    """Return whether a term changes forces on the arm, whatever its size."""
-    size = np.ones(term.jacobian(here).columns)
-    acting = term.hypothesis.acting(here, term.where, term.shape, size)
-    return acting.moment is not here.moment
 
 
 OFF_THE_ARM = 99

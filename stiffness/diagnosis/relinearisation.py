@@ -378,14 +378,23 @@ def loads_of(case: SelectionProblem, fit: ModelFit) -> frozenset[tuple[str, str]
 
 def acts_on_others(situation: StaticState, term: ModelTerm) -> bool:
     """Return whether a term changes what others feel, whatever its size."""
-    size = np.ones(term.jacobian(situation).columns)
-    return _acting(situation, term, size) is not situation
+    return _felt_with(situation, term) is not situation
+
+
+def changes_moments(situation: StaticState, term: ModelTerm) -> bool:
+    """Return whether a term changes moments on the arm: a weight, a wrong wrench."""
+    return _felt_with(situation, term).moment is not situation.moment
 
 
 def changes_torques(situation: StaticState, term: ModelTerm) -> bool:
     """Return whether a term changes axes' torques: a weight, a compensator."""
+    return _felt_with(situation, term).torque is not situation.torque
+
+
+def _felt_with(situation: StaticState, term: ModelTerm) -> StaticState:
+    """Return what others feel with a term whose coefficients are all one."""
     size = np.ones(term.jacobian(situation).columns)
-    return _acting(situation, term, size).torque is not situation.torque
+    return _acting(situation, term, size)
 
 
 def is_load_of_one_axis(situation: StaticState, term: ModelTerm) -> bool:
