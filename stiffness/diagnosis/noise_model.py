@@ -374,7 +374,7 @@ SAGS = 0.9
 chosen."""
 
 
-def with_shapes(
+def with_noise_between_poses(
     check: Checked,
     situation: StaticState,
     readings: Residuals,

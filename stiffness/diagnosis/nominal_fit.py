@@ -45,7 +45,7 @@ from stiffness.diagnosis.noise_model import (
     trend_of,
     wander_of,
     whole_visit_errors,
-    with_shapes,
+    with_noise_between_poses,
 )
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
@@ -518,7 +518,9 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
     groups = rigid_groups(recording, body)
     seen = (readings.value, readings.point, readings.weight, readings.inverse)
     check = checked(visits, *seen, groups)
-    check = with_shapes(check, situation, readings, frames.marker_positions, groups)
+    check = with_noise_between_poses(
+        check, situation, readings, frames.marker_positions, groups
+    )
     noise = no_finer(check.noise, check.weight, readings.inverse)
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / noise**2
