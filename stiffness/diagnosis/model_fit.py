@@ -205,6 +205,12 @@ class ModelTerm:
         shapes = self.hypothesis.shapes(situation, self.where)
         return np.unique(shapes[:, j % max(shapes.shape[1], 1)])
 
+    def with_parameter(self, j: int, value: float) -> "ModelTerm":
+        """Return it with another value of one of its shape parameters."""
+        shape = self.shape.copy()
+        shape[j] = value
+        return replace(self, shape=shape)
+
     def has_form_of(self, situation: StaticState, other: "ModelTerm") -> bool:
         """Return whether the law of another place has the same form at this one."""
         forms = enumerate(zip(other.shape_names, other.shape, strict=True))
@@ -410,12 +416,8 @@ def shape_columns(
         step = 1e-3 * (span if span > 0 else max(1.0, abs(member.shape[j])))
         if name in member.hypothesis.logarithmic:
             step = min(step, 0.5 * float(member.shape[j]))  # never below zero
-        sides = []
-        for sign in (1.0, -1.0):
-            shape = member.shape.copy()
-            shape[j] += sign * step
-            sides.append(ModelTerm(member.hypothesis, member.where, shape))
-        high, low = (m.jacobian(situation) for m in sides)
+        sides = (float(member.shape[j]) + by for by in (step, -step))
+        high, low = (member.with_parameter(j, x).jacobian(situation) for x in sides)
         slopes.append(difference(high, low, sets / (2 * step)))
     return slopes
 
@@ -464,9 +466,8 @@ class FreeShape:
 
     def with_value(self, term: ModelTerm, value: float) -> ModelTerm:
         """Return its term with another value of it."""
-        shape = term.shape.copy()
-        shape[self.number] = np.exp(value) if self.factor else value
-        return replace(term, shape=shape)
+        value = float(np.exp(value)) if self.factor else value
+        return term.with_parameter(self.number, value)
 
     def slope(self, situation: StaticState, term: ModelTerm) -> EffectJacobian:
         """Return what a little more of it does per unit of each coefficient."""

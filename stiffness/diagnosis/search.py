@@ -248,12 +248,9 @@ def _fine_shapes(
         if name in WHOLE or len(own) < 2:
             continue
         factor = name in term.hypothesis.logarithmic
-        found = []
-        for value in tried(float(term.shape[j]), own, factor, points):
-            shape = term.shape.copy()
-            shape[j] = np.exp(value) if factor else value
-            found.append(replace(term, shape=shape))
-        return found
+        values = tried(float(term.shape[j]), own, factor, points)
+        shapes = (float(np.exp(v)) if factor else float(v) for v in values)
+        return [term.with_parameter(j, value) for value in shapes]
     return [term]
 
 
