@@ -75,32 +75,6 @@ class OrthoParallelArm:
         refuse("Ortho-parallel arm", faults)
 
 
-def forward(
-    arm: OrthoParallelArm, posture: Float[np.ndarray, "*poses 6"]
-) -> Float[np.ndarray, "*poses 4 4"]:
-    """Return base_from_flange, 4 x 4 transforms in m, of postures in rad.
-
-    The flange's z axis points out of it. With the arm upright (all t = 0) the flange's
-    axes are parallel to the base's.
-    """
-    angles = posture.reshape(-1, AXES) * np.array(arm.sign) - np.array(arm.offset)
-    t1, t2, t3, t4, t5, t6 = angles.T
-    elbow = t2 + t3
-    reach = arm.a1 + arm.c2 * np.sin(t2) + arm.a2 * np.cos(elbow)
-    reach = reach + arm.c3 * np.sin(elbow)
-    height = arm.c1 + arm.c2 * np.cos(t2) - arm.a2 * np.sin(elbow)
-    height = height + arm.c3 * np.cos(elbow)
-    in_plane = np.stack([reach, np.full_like(reach, arm.b), height], axis=-1)
-    base_from_plane = _about_z(t1)
-    wrist = np.einsum("nij,nj->ni", base_from_plane, in_plane)
-    rotation = base_from_plane @ _about_y(elbow) @ _about_z(t4) @ _about_y(t5)
-    rotation = rotation @ _about_z(t6)
-    transform = np.tile(np.eye(4), (len(angles), 1, 1))
-    transform[:, :3, :3] = rotation
-    transform[:, :3, 3] = wrist + arm.c4 * rotation[:, :, 2]
-    return transform.reshape(*posture.shape[:-1], 4, 4)
-
-
 def inverse(
     arm: OrthoParallelArm, base_from_flange: Float[np.ndarray, "*poses 4 4"]
 ) -> Float[np.ndarray, "*poses 8 6"]:
@@ -110,7 +84,8 @@ def inverse(
     t3 + psi >= 0 (elbow up where the shoulder faces the wrist), 1 the other elbow; w =
     0 has t5 >= 0, 1 the flipped wrist. Where nothing reaches, the row is NaN. Where A4
     and A6 are one axis, t4 is 0 for w = 0. Poses of the flange are in m, with
-    orthonormal rotations.
+    orthonormal rotations. The flange's z axis points out of it; with the arm upright
+    (all t = 0) its axes are parallel to the base's.
     """
     flange = base_from_flange.reshape(-1, 4, 4)
     rotation = flange[:, :3, :3]

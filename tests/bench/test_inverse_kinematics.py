@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from bench.inverse_kinematics import OrthoParallelArm, forward, inverse
+from bench.inverse_kinematics import OrthoParallelArm, inverse
 from bench.shared.errors import Unusable
 from bench.standard_plans import KR10
 
@@ -20,6 +21,23 @@ arms = st.fixed_dictionaries(
     | {"sign": st.tuples(*[st.sampled_from((-1, 1))] * 6)}
 )
 postures = st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6).map(np.array)
+
+
+def forward(arm, posture):
+    """Return base_from_flange, 4 x 4 transforms in m, of postures in rad."""
+    angles = posture.reshape(-1, 6) * np.array(arm.sign) - np.array(arm.offset)
+    upper_arm = Rotation.from_euler("ZY", angles[:, :2])
+    forearm = upper_arm * Rotation.from_euler("Y", angles[:, 2:3])
+    flange = forearm * Rotation.from_euler("ZYZ", angles[:, 3:])
+    transform = np.tile(np.eye(4), (len(angles), 1, 1))
+    transform[:, :3, :3] = flange.as_matrix()
+    transform[:, :3, 3] = (
+        Rotation.from_euler("Z", angles[:, :1]).apply([arm.a1, arm.b, arm.c1])
+        + upper_arm.apply([0.0, 0.0, arm.c2])
+        + forearm.apply([arm.a2, 0.0, arm.c3])
+        + flange.apply([0.0, 0.0, arm.c4])
+    )
+    return transform.reshape(*posture.shape[:-1], 4, 4)
 
 
 def angle_between(one, other):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.inverse_kinematics import forward
+from bench.inverse_kinematics import inverse
 from bench.postures import spread
 from bench.shared.errors import Unusable
 from bench.shared.plan import parse_path
@@ -63,20 +63,24 @@ FLANGE_MM = {
 
 
 @pytest.mark.parametrize("posture_deg", FLANGE_MM, ids=str)
-def test_the_closed_form_puts_the_flange_where_the_lengths_say(posture_deg):
-    flange = forward(KR10, np.deg2rad(np.array(posture_deg, dtype=float)))
+def test_the_joint_frames_of_the_maker_put_the_flange_where_the_lengths_say(
+    posture_deg,
+):
+    flange = flange_in_base(np.deg2rad(np.array(posture_deg, dtype=float)))
     np.testing.assert_allclose(
         flange[:3, 3] * 1e3, FLANGE_MM[posture_deg], rtol=0, atol=1e-4
     )
 
 
 def test_the_closed_form_agrees_with_the_joint_frames_of_the_maker():
-    for posture in np.random.default_rng(1).uniform(
-        LIMITS[:, 0], LIMITS[:, 1], (50, 6)
-    ):
-        np.testing.assert_allclose(
-            forward(KR10, posture), flange_in_base(posture), rtol=0, atol=1e-12
-        )
+    drawn = np.random.default_rng(1).uniform(LIMITS[:, 0], LIMITS[:, 1], (50, 6))
+    for posture in [*drawn, *np.deg2rad(np.array(list(FLANGE_MM), dtype=float))]:
+        asked = flange_in_base(posture)
+        solutions = inverse(KR10, asked)
+        reached = solutions[~np.isnan(solutions).any(axis=1)]
+        assert len(reached) >= 2  # the posture itself and its flipped wrist
+        for other in reached:
+            np.testing.assert_allclose(flange_in_base(other), asked, 0, 1e-12)
 
 
 def test_the_table_has_61_and_90_postures_and_none_twice():
@@ -183,7 +187,7 @@ def test_pulley_places_come_equally_often_and_follow_no_coordinate(pulleys):
     whole = table_one_plan(pulleys=pulleys)
     counts = np.bincount(whole.pulley, minlength=pulleys)
     assert counts.max() - counts.min() <= 2
-    flange = forward(KR10, whole.posture)[:, :3, 3]
+    flange = np.array([flange_in_base(q)[:3, 3] for q in whole.posture])
     for place in range(pulleys if pulleys > 1 else 0):
         for column in np.hstack([flange, whole.posture[:, [0, 1, 2, 4]]]).T:
             # 0.2: the 95 % bound of a correlation by chance over 151 is 0.16
