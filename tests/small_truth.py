@@ -33,6 +33,24 @@ def postures(arm: Arm, count: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, len(arm.axes)))
 
 
+def cartesian_compliance(
+    arm: Arm, posture: np.ndarray, compliance: np.ndarray, point_in_flange: np.ndarray
+) -> np.ndarray:
+    """Return C_X = J diag(compliance) J^T of small deflections, Wu et al. 2024, Eq. 6.
+
+    Args:
+        arm: Kinematics.
+        posture: One row per pose, in rad.
+        compliance: Of each axis, in rad/(N m).
+        point_in_flange: Point where the wrench acts and displacement is taken, in m.
+
+    Returns:
+        Displacement (m, rad) per wrench (N, N m), along the base's axes, 6 x 6 a pose.
+    """
+    jacobian = arm.jacobian(posture, "flange", point_in_flange)
+    return (jacobian * compliance) @ jacobian.swapaxes(1, 2)
+
+
 def record(
     arm: Arm,
     posture: np.ndarray,

@@ -1,6 +1,4 @@
-"""Static equilibrium of an arm with joint springs, and its Cartesian compliance.
-
-Rest posture of springs, gravity and load (`equilibrium`):
+"""Static equilibrium of an arm with joint springs, under gravity and load.
 
 ==========  ==========================================================================
 Equation    q = q_commanded + C (gravity torque(q) + J(q)^T wrench(q)), C = diag(1/k)
@@ -8,15 +6,6 @@ Source      Spong 1987, "Modeling and control of elastic joint robots", at rest
 Valid       springs in the axes, stiff against the change of gravity and load torque
             with q
 Ignores     friction, hysteresis, compliance except in the axes
-==========  ==========================================================================
-
-Compliance at the end-effector (`cartesian_compliance`):
-
-==========  ==========================================================================
-Equation    K_X = J^-T K_theta J^-1, and its inverse C_X = J K_theta^-1 J^T
-Source      Wu et al. 2024, Eq. 6
-Valid       small deflections about the given posture
-Ignores     the change of lever arms by the load (Chen and Kao's K_C)
 ==========  ==========================================================================
 """
 
@@ -29,8 +18,6 @@ from bench.shared.errors import BenchError
 from bench.shared.recording import Payload
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState
-
-# --- Equilibrium ----------------------------------------------------------------------
 
 CLOSE_ENOUGH = 1e-12
 """Largest step at convergence, in rad; chosen: a thousandth of a nanometre."""
@@ -95,27 +82,3 @@ def equilibrium(
         f"The arm finds no rest under its load: axis {softest!r} is the softest with "
         f"{np.max(np.abs(compliance)):.3g} rad/(N m). Check the units."
     )
-
-
-# --- Cartesian compliance -------------------------------------------------------------
-
-
-def cartesian_compliance(
-    arm: Arm,
-    posture: Float[np.ndarray, "cases axes"],
-    compliance: Float[np.ndarray, " axes"],
-    point_in_flange: Float[np.ndarray, "*cases 3"],
-) -> Float[np.ndarray, "cases 6 6"]:
-    """Return C_X = J diag(compliance) J^T; unlike K_X it exists at singular postures.
-
-    Args:
-        arm: The nominal arm.
-        posture: Joint angles, in rad.
-        compliance: Of each axis, in rad/(N m).
-        point_in_flange: Point where the wrench acts and displacement is taken, in m.
-
-    Returns:
-        Displacement (m, rad) per wrench (N, N m), along the base's axes.
-    """
-    jacobian = arm.jacobian(posture, "flange", point_in_flange)
-    return (jacobian * compliance) @ jacobian.swapaxes(1, 2)

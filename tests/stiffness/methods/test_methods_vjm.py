@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from jaxtyping import config
-from small_truth import TABLE_3, postures, pulls, record
+from small_truth import TABLE_3, cartesian_compliance, postures, pulls, record
 
 from bench.shared.errors import NotIdentifiable, UnknownName
 from bench.shared.recording import Payload
@@ -12,7 +12,6 @@ from stiffness.methods.vjm import Vjm, refuse_if_blind
 from stiffness.regression.intervals import share
 from stiffness.regression.least_squares import least_squares, solve
 from stiffness.robot.arm import Arm
-from stiffness.robot.equilibrium import cartesian_compliance
 
 TOOL = Payload(1.0, np.array([0.0, 0.01, 0.05]))
 AXES = tuple(f"a{k}" for k in range(1, 7))

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from small_truth import TABLE_3, postures
+from small_truth import TABLE_3, cartesian_compliance, postures
 
 from bench.shared.errors import Unusable
 from stiffness.networks.source_domain import (
@@ -14,7 +14,7 @@ from stiffness.networks.source_domain import (
     table_5_plan,
 )
 from stiffness.robot.arm import Arm
-from stiffness.robot.equilibrium import cartesian_compliance, equilibrium
+from stiffness.robot.equilibrium import equilibrium
 
 POINT, ORIGIN = np.array([0.01, -0.02, 0.03]), np.array([0.0, 0.0, 0.0254])
 COMPLIANCE = 1.0 / TABLE_3

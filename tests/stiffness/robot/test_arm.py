@@ -7,13 +7,13 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
 from scipy.optimize import root
-from small_truth import HOOK, TABLE_3, postures, pulls
+from small_truth import HOOK, TABLE_3, cartesian_compliance, postures, pulls
 
 from bench.shared.errors import BenchError, UnknownName, Unusable
 from bench.shared.recording import Payload
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import link_error_of
-from stiffness.robot.equilibrium import cartesian_compliance, equilibrium
+from stiffness.robot.equilibrium import equilibrium
 
 CENTRE = np.zeros(3)
 HOME = np.deg2rad([[0.0, -90.0, 90.0, 0.0, 0.0, 0.0]])
