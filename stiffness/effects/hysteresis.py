@@ -125,21 +125,6 @@ class Hysteresis(Hypothesis):
         return {k: half * spread_stop(situation, k, shape[0], round(shape[1]))}
 
 
-def stop(
-    situation: StaticState, axis: int, slip: float, memory: int = NOTHING
-) -> Float[np.ndarray, " rows"]:
-    """Return the stop operator of an axis' torque over each visit, in -1 … 1.
-
-    Args:
-        situation: With the torque and the order of rows.
-        axis: Its index, counted from 0.
-        slip: Half width of the play, in N m.
-        memory: Its state at arrival, one of `MEMORIES`, of which gravity's is its
-            middle, or UNKNOWN.
-    """
-    return _stops(situation, axis, np.array([slip]), memory)[0]
-
-
 def spread_stop(
     situation: StaticState, axis: int, slip: float, memory: int = NOTHING
 ) -> Float[np.ndarray, " rows"]:
@@ -149,7 +134,8 @@ def spread_stop(
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
         slip: Largest half width of a play, in N m.
-        memory: As in `stop`.
+        memory: Their state at arrival, one of `MEMORIES`, of which gravity's is their
+            middle, or UNKNOWN.
     """
     share = np.array(SPREAD)
     one = share[:, None] * _stops(situation, axis, share * slip, memory)
@@ -179,7 +165,7 @@ def along_visits(
 def _stops(
     situation: StaticState, axis: int, slips: Float[np.ndarray, " slips"], memory: int
 ) -> Float[np.ndarray, "slips rows"]:
-    """Return the stops of several slips; see `stop`."""
+    """Return the stop operators of several slips, each in -1 … 1."""
     state = _along(situation, axis, slips, slipped(slips), memory, is_stop=True)
     return state / np.maximum(slips[:, None], np.finfo(float).tiny)  # 0: never loaded
 
@@ -205,7 +191,7 @@ def rounded(
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
         slip: Torque over which the state follows a turn to 1 - 1/e, in N m.
-        memory: As in `stop`.
+        memory: As in `spread_stop`.
     """
 
     def followed(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:

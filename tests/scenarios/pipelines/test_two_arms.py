@@ -29,7 +29,7 @@ from scenarios.pipelines.recording_check import (
 )
 from scenarios.pipelines.synthetic_recording import Watching
 from scenarios.report.sections.calibration import write_files
-from stiffness.effects.hysteresis import stop
+from stiffness.effects.hysteresis import spread_stop
 from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.robot.arm import Arm
 
@@ -202,7 +202,7 @@ def test_of_several_arms_record_asks_which_one_is_pulled(torso):
 
 def test_an_axis_that_no_load_turns_has_no_loop():
     situation, _ = loaded("left")
-    assert np.all(stop(situation, 4, 0.0) == 0.0)
+    assert np.all(spread_stop(situation, 4, 0.0) == 0.0)
 
 
 def test_a_slide_that_sags_is_proved_by_marks_below_it_too(tmp_path):

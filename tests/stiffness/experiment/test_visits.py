@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from stiffness.effects.creep import followed
-from stiffness.effects.hysteresis import rounded, stop
+from stiffness.effects.hysteresis import SPREAD, rounded, spread_stop
 from stiffness.experiment.visits import BEFORE, MEMORIES, memories
 
 
@@ -19,17 +19,19 @@ def whole_path(situation, axis):
 
 
 @pytest.mark.parametrize("slip", [1.0, 20.0, 1e4])
-def test_carried_stop_is_one_stop_over_the_whole_experiment(slip):
-    """Also where it never slips, and so forgets nothing."""
+def test_carried_stops_are_those_over_the_whole_experiment(slip):
+    """Also where they never slip, and so forget nothing."""
     situation = truth.situation()
     path, read = whole_path(situation, 1)
-    state, states = 0.0, [0.0]
+    bound = slip * np.array(SPREAD)
+    state, states = np.zeros(len(bound)), [0.0]
     for change in np.diff(path):
-        state = min(max(state + change, -slip), slip)
-        states.append(state)
+        state = np.clip(state + change, -bound, bound)
+        states.append(state.sum() / bound.sum())
     expected = np.empty(situation.rows)
-    expected[read[read >= 0]] = np.array(states)[read >= 0] / slip
-    np.testing.assert_allclose(stop(situation, 1, slip, BEFORE), expected, atol=1e-12)
+    expected[read[read >= 0]] = np.array(states)[read >= 0]
+    found = spread_stop(situation, 1, slip, BEFORE)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_carried_rounded_stop_is_one_over_the_whole_experiment():
