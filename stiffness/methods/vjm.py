@@ -230,7 +230,7 @@ class Vjm(Method):
             data = self.select(arm, recording, compliance)
             compliance, solution = fit_springs(arm, self.held, data)
         free = tuple(k for k, axis in enumerate(arm.axes) if axis not in self.held)
-        return VjmFit(arm, compliance, free, solution, data.frame.rms)
+        return VjmFit(arm, compliance, free, solution)
 
 
 @dataclass(frozen=True)
@@ -241,14 +241,12 @@ class VjmFit(Fitted):
         compliance: Of each axis, in rad/(N m).
         free: Which axes were fitted.
         solution: The last linear step: covariances of the free axes' compliances.
-        frame_rms: Residual of the fit of the tracker's frame, in m; 0 = it was stated.
     """
 
     arm: Arm
     compliance: Float[np.ndarray, " axes"]
     free: tuple[int, ...]
     solution: LeastSquares
-    frame_rms: float
 
     @override
     def predict(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:

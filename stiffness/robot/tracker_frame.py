@@ -74,16 +74,14 @@ ENOUGH = 3
 
 @dataclass(frozen=True)
 class TrackerFrame:
-    """The tracker's frame, with its source and the residual of its fit.
+    """The tracker's frame, with its source.
 
     Attributes:
         base_from_tracker: Transform, in m.
-        rms: Residual of the fit per coordinate, in m; 0 where the frame was stated.
         source: The manifest, markers on the base, or markers on the moving arm.
     """
 
     base_from_tracker: Float[np.ndarray, "4 4"]
-    rms: float
     source: Literal["manifest", "base markers", "arm markers"]
 
 
@@ -101,13 +99,13 @@ def tracker_frame(
             rad/(N m); None = rigid.
 
     Returns:
-        The transform, the residual of the fit, and the source.
+        The transform and the source.
 
     Raises:
         Unusable: Where nothing determines the frame.
     """
     if recording.base_from_tracker is not None:
-        return TrackerFrame(recording.base_from_tracker, 0.0, "manifest")
+        return TrackerFrame(recording.base_from_tracker, "manifest")
     fixed = [arm.attachment(marker.body).axis < 0 for marker in recording.markers]
     known = [marker.position is not None for marker in recording.markers]
     on_base = np.array(fixed, dtype=bool) & np.array(known, dtype=bool)
@@ -186,8 +184,7 @@ def _fit(
         transform = kabsch(source_points, target)
     except Unusable:
         return None
-    left = source_points @ transform[:3, :3].T + transform[:3, 3] - target
-    return TrackerFrame(transform, float(np.sqrt(np.mean(left**2))), source)
+    return TrackerFrame(transform, source)
 
 
 # --- Fitted frame and marker positions ------------------------------------------------

@@ -82,14 +82,12 @@ def test_markers_on_the_base_give_the_frame_however_the_arm_bends(arm):
     soft = replace(record(arm, posture, forces), base_from_tracker=None)
     frame = tracker_frame(arm, with_base_markers(soft))
     assert frame.source == "base markers"
-    assert frame.rms < 1e-12
     np.testing.assert_allclose(frame.base_from_tracker, BASE_FROM_TRACKER, atol=1e-12)
 
 
 def test_markers_of_a_rigid_arm_give_the_frame(arm, recording):
     frame = tracker_frame(arm, replace(recording, base_from_tracker=None))
     assert frame.source == "arm markers"
-    assert frame.rms < 1e-12
     np.testing.assert_allclose(frame.base_from_tracker, BASE_FROM_TRACKER, atol=1e-12)
 
 
@@ -97,8 +95,8 @@ def test_sag_of_a_soft_arm_is_in_its_frame_once_the_springs_are_known(arm):
     posture, forces = postures(arm, 20, seed=4), pulls(20, 1, seed=5)
     soft = replace(record(arm, posture, forces), base_from_tracker=None)
     rigid, sagging = tracker_frame(arm, soft), tracker_frame(arm, soft, 1 / TABLE_3)
-    assert rigid.rms > 1e-4  # the arm's own weight bends it by a millimetre
-    assert sagging.rms < 1e-11
+    # the arm's own weight bends it by a millimetre
+    assert np.abs(rigid.base_from_tracker - BASE_FROM_TRACKER).max() > 1e-4
     np.testing.assert_allclose(sagging.base_from_tracker, BASE_FROM_TRACKER, atol=1e-10)
 
 
