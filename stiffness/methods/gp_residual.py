@@ -52,16 +52,12 @@ class GaussianProcess:
         inputs: Where values were seen; no unit.
         length: How far values are alike, along each input; no unit.
         amplitude: s, in the values' unit.
-        group_sigma: p, in the values' unit.
-        noise_sigma: n, in the values' unit.
         weight: C^-1 y, in one over the values' unit.
     """
 
     inputs: Float[np.ndarray, "seen inputs"]
     length: Float[np.ndarray, " inputs"]
     amplitude: float
-    group_sigma: float
-    noise_sigma: float
     weight: Float[np.ndarray, " seen"]
 
     def mean(self, inputs: Float[np.ndarray, "rows inputs"]) -> np.ndarray:
@@ -100,7 +96,7 @@ def most_likely(
     likeness = _likeness(inputs / length, inputs / length)
     covariance = s**2 * likeness + p**2 * same + n**2 * np.eye(len(y))
     weight = cho_solve(cho_factor(covariance, lower=True), y) / size
-    return GaussianProcess(inputs, length, s * size, p * size, n * size, weight)
+    return GaussianProcess(inputs, length, s * size, weight)
 
 
 def negative_log_likelihood(

@@ -33,16 +33,12 @@ class LeastSquares:
         covariance: If the stated noise were all that errs; infinite where unseen.
         clustered: From how groups of rows disagree, the model's own error included.
         groups: How many groups there were.
-        chi_square: Sum of squared whitened residuals.
-        degrees_of_freedom: Rows less parameters.
     """
 
     value: Float[np.ndarray, " parameters"]
     covariance: Float[np.ndarray, "parameters parameters"]
     clustered: Float[np.ndarray, "parameters parameters"]
     groups: int
-    chi_square: float
-    degrees_of_freedom: int
 
     @property
     def sigma(self) -> Float[np.ndarray, " parameters"]:
@@ -123,10 +119,5 @@ def least_squares(
     unseen = np.isinf(np.diag(covariance))
     clustered[unseen, unseen] = np.inf
     return LeastSquares(
-        value,
-        covariance,
-        clustered * (len(start) - 1) / len(start),
-        len(start),
-        float(np.sum(left**2)),
-        target.size - len(value),
+        value, covariance, clustered * (len(start) - 1) / len(start), len(start)
     )

@@ -69,11 +69,12 @@ def test_springs_are_recovered_with_an_unknown_tracker_frame(arm):
 
 
 def test_one_reading_per_pose_is_enough(arm):
-    fitted = Vjm(arm, select=one_per_pose).fit(experiment(arm))
+    recording = experiment(arm)
+    fitted = Vjm(arm, select=one_per_pose).fit(recording)
     # the fit stops at 1e-4 of sigma, itself up to two percent
     np.testing.assert_allclose(fitted.compliance * TABLE_3, 1.0, atol=2e-6)
     assert fitted.solution.groups == 40
-    assert fitted.solution.degrees_of_freedom == 3 * 40 - 6
+    assert (fitted.solution.sigma > 1.2 * Vjm(arm).fit(recording).solution.sigma).all()
 
 
 def test_prediction_is_the_deflection_that_was_measured(arm):
@@ -166,7 +167,6 @@ def test_stated_noise_alone_is_too_sure_where_the_model_is_wrong(arm):
     fitted = Vjm(arm).fit(
         noisy(replace(exact, points=points), np.random.default_rng(7))
     )
-    assert fitted.solution.chi_square > 10 * fitted.solution.degrees_of_freedom
     assert (fitted.solution.sigma_clustered > 2 * fitted.solution.sigma).all()
 
 
