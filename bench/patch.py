@@ -390,17 +390,6 @@ def read(file: Path) -> Patch:
     return patch
 
 
-def load(folder: Path | str) -> Rig:
-    """Rebuild the patched rig from what a diagnosis left in a folder.
-
-    Its instruments' faults are among the effects, as in any rig.
-
-    Raises:
-        BenchError: Where the folder holds no patch, or one that cannot be built.
-    """
-    return rig_of(read(Path(folder) / FILE))
-
-
 def _tabled(law: Law) -> TabledLaw:
     loading = np.array(law.loading_rad)
     back = np.array(law.unloading_rad) if law.unloading_rad else loading

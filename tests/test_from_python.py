@@ -105,7 +105,7 @@ def test_the_example_runs_from_its_first_cell_to_its_last(monkeypatch, capsys):
     assert len(seen["figure"].axes) == 2
     assert seen["page"].is_file()
     written = json.loads((seen["page"].parent / "diagnosis.json").read_text("utf-8"))
-    assert written == json.loads(result.to_json())
+    assert written == json.loads(schema.text_of(result.answer))
     assert written["settings"] == asdict(SETTINGS)
     with pytest.raises(UnknownName, match="a7"):
         result.figure("a7")

@@ -208,11 +208,6 @@ def covers() -> dict[str, Skin]:
     return turned_in
 
 
-def read_stl(path: Path) -> Skin:
-    """Return the triangles of a binary STL file."""
-    return np.frombuffer(path.read_bytes()[84:], STL)["corners"]
-
-
 def write_stl(path: Path, skin: Skin) -> None:
     """Write a binary STL file; the normals are left to the reader."""
     record = np.zeros(len(skin), STL)

@@ -22,7 +22,7 @@ from bench.shared.errors import BenchError
 from bench.shared.models import RobotModel
 from bench.shared.recording import Recording
 from scenarios.pipelines import diagnosis as pipeline
-from scenarios.pipelines import next_experiments, schema
+from scenarios.pipelines import next_experiments
 from scenarios.pipelines.diagnosis import Result, asked, proved
 from scenarios.pipelines.inputs import (
     arm_of,
@@ -110,10 +110,6 @@ class PipelineResult:
             UnknownName: Where there is no such axis.
         """
         return self.section.figure(self.found, where)
-
-    def to_json(self) -> str:
-        """Return the text of diagnosis.json."""
-        return schema.text_of(self.answer)
 
     def report(self, folder: Path | str) -> Path:
         """Write what `python -m scenarios.diagnose` writes, and return the report.

@@ -89,7 +89,7 @@ def test_a_folder_holds_the_patched_rig(tmp_path, kr10):
     whole = with_arm(whole, rig)
     (tmp_path / patch.FILE).write_text(text_of(whole), encoding="utf-8")
     assert patch.read(tmp_path / patch.FILE) == whole
-    rebuilt = patch.load(tmp_path)
+    rebuilt = rig_of(patch.read(tmp_path / patch.FILE))
     assert rebuilt.effects == rig.effects
     assert_array_equal(pulled(rebuilt).position, pulled(rig).position)
 
@@ -280,10 +280,10 @@ def test_a_patch_of_another_form_is_refused(tmp_path, text):
 
 def test_a_folder_without_a_patch_is_refused(tmp_path):
     with pytest.raises(BenchError, match=r"no patch\.json"):
-        patch.load(tmp_path)
+        patch.read(tmp_path / patch.FILE)
     (tmp_path / patch.FILE).write_text('{"effects": 3}', encoding="utf-8")
     with pytest.raises(Unusable, match="effects"):
-        patch.load(tmp_path)
+        patch.read(tmp_path / patch.FILE)
 
 
 def test_what_is_mounted_may_be_lighter_than_the_recording_says(kr10):

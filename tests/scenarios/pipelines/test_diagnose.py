@@ -98,7 +98,7 @@ def test_answer_has_the_fixed_form(answered):
 
 def test_the_patched_rig_can_be_rebuilt_from_the_folder(answered):
     out, told = answered
-    rig = patch.load(out)
+    rig = patch.rig_of(patch.read(out / patch.FILE))
     names = {(e.name, e.where) for e in rig.effects}
     assert {(n.effect, n.where) for n in told.named} <= names
 

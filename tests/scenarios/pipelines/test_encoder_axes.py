@@ -293,7 +293,7 @@ def test_what_was_named_is_left_as_a_patch_that_the_bench_loads(tmp_path):
     compare_and_write(plus(recording, 1, wave), PLAIN, tmp_path / "out")
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert {"patch.json", "model.xml", "diagnosis.rrd"} <= names
-    rig = patch.load(tmp_path / "out")
+    rig = patch.rig_of(patch.read(tmp_path / "out" / patch.FILE))
     assert rig.springs[1] == pytest.approx(1.0 / 2.5e-6, rel=0.02)
     assert [e.name for e in rig.effects] == ["transmission_error"]
 

@@ -282,7 +282,7 @@ def test_a_link_that_grows_while_it_warms_is_left_open_with_its_place():
 def test_the_patched_simulator_is_written_and_can_be_loaded(soft, wrist, tmp_path):
     write_files(tmp_path / "out", soft)
     assert (tmp_path / "out" / patch.MODEL_FILE).exists()
-    rig = patch.load(tmp_path / "out")
+    rig = patch.rig_of(patch.read(tmp_path / "out" / patch.FILE))
     assert {e.where for e in rig.effects if e.name == "joint_compliance"} >= {
         "a2",
         "a3",
