@@ -67,14 +67,9 @@ class SmoothField:
         return self.sd * np.sqrt(2.0 / len(self.phase)) * total
 
 
-def smooth_field(
-    sd: float, random: np.random.Generator, length: float = CORRELATION_LENGTH
-) -> SmoothField:
-    """Draw a smooth random vector field.
-
-    `sd` is one sigma of each coordinate and `length` the correlation length, in m.
-    """
-    wave = random.standard_normal((FEATURES, 3, 3)) / length
+def smooth_field(sd: float, random: np.random.Generator) -> SmoothField:
+    """Draw a smooth random vector field; `sd` is one sigma of each coordinate, in m."""
+    wave = random.standard_normal((FEATURES, 3, 3)) / CORRELATION_LENGTH
     phase = random.uniform(0.0, 2.0 * np.pi, (FEATURES, 3))
     return SmoothField(wave, phase, sd)
 

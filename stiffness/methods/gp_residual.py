@@ -28,7 +28,7 @@ from scipy.spatial.distance import cdist
 from typing_extensions import override
 
 from bench.shared.recording import Recording
-from stiffness.experiment.deflections import LoadCases, Selection, every_plateau
+from stiffness.experiment.deflections import LoadCases, every_plateau
 from stiffness.methods.method import Fitted, Method, Parameter
 from stiffness.methods.transferred_networks import wrench_about
 from stiffness.methods.vjm import Vjm, VjmFit
@@ -139,14 +139,12 @@ class GpResidual(Method):
 
     Attributes:
         arm: The nominal arm.
-        select: Readings that it is fitted to.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
         evaluations: Maximum number of evaluations of the likelihood for each direction;
             chosen.
     """
 
     arm: Arm
-    select: Selection = every_plateau
     held: tuple[str, ...] = ()
     evaluations: int = 60
 
@@ -155,7 +153,7 @@ class GpResidual(Method):
         """Fit springs, then the processes of maximum likelihood; see the base class."""
         arm = self.arm.for_recording(recording)
         springs = Vjm(arm, self.held).fit(recording)
-        data = self.select(arm, recording, springs.compliance)
+        data = every_plateau(arm, recording, springs.compliance)
         left = data.deflection - springs.predict(data.cases)
         origin = data.cases.origin_in_flange
         seen = sine_and_cosine(data.cases.posture, data.cases.wrench_in_base)

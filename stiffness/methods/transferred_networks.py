@@ -41,7 +41,6 @@ from bench.shared.recording import Recording
 from stiffness.experiment.deflections import (
     Deflections,
     LoadCases,
-    Selection,
     every_plateau,
 )
 from stiffness.methods.method import Fitted, Method, Parameter
@@ -154,7 +153,6 @@ class Transferred(Method):
         plan: Postures and wrenches of the pre-training.
         pretraining: Network and pre-training.
         transfer: `Direct()`, an `Alignment` or a `FineTuning`.
-        select: Readings used for the transfer: `every_plateau`, or `one_per_pose`.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
         pretrained: A network to use in place of a new pre-training; for sweeps.
         file: File of the pre-training, to resume after an interruption.
@@ -165,7 +163,6 @@ class Transferred(Method):
     plan: SourcePlan = field(default_factory=spanning_plan, repr=False)
     pretraining: Pretraining = field(default_factory=Pretraining)
     transfer: Transfer = field(default_factory=Direct)
-    select: Selection = every_plateau
     held: tuple[str, ...] = ()
     pretrained: Pretrained | None = None
     file: Path | None = None
@@ -181,7 +178,7 @@ class Transferred(Method):
         """
         arm = self.arm.for_recording(recording)
         springs = Vjm(arm, self.held).fit(recording)
-        data = self.select(arm, recording, springs.compliance)
+        data = every_plateau(arm, recording, springs.compliance)
         pretrained = self.pretrained or pretrain(
             domain_of(springs, self.plan, data),
             self.pretraining,
