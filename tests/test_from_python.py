@@ -183,7 +183,8 @@ def test_names_that_came_furthest_are_the_strongest_that_were_withheld(found):
     stopped = strongest_withheld(found)
     assert [d.candidate[0] for d in stopped] == ["creep", "drift"]
     assert [d.gate for d in stopped] == ["left_out", "magnitude"]
-    assert strongest_withheld(found, 1) == stopped[:1]
+    many = [replace(stopped[0], candidate=("creep", f"a{k}")) for k in range(9)]
+    assert len(strongest_withheld(replace(found, decisions=tuple(many)))) == 5
 
 
 def test_targets_that_are_hidden_under_every_load_get_a_report_all_the_same(tmp_path):

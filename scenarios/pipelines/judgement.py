@@ -189,12 +189,8 @@ class Judgement:
         return frozenset(axis.name for axis, slides in pairs if slides)
 
 
-def judge(
-    recording: Recording, arm: Arm, robot: Path, patch: Patch, thorough: bool = True
-) -> Judgement:
-    """Judge a patch on a recording of plateaus with at least one tracked target.
-
-    Where that is `thorough`, the patch is taken apart too.
+def judge(recording: Recording, arm: Arm, robot: Path, patch: Patch) -> Judgement:
+    """Judge a patch, and take it apart, on plateaus with at least one tracked target.
 
     Raises:
         BenchError: Where it cannot be judged there, or an arm finds no rest.
@@ -255,10 +251,8 @@ def judge(
     if covered is not None:
         inside, outside = proof(covered), proof(~covered)
     shown = np.isfinite(last.position).any(axis=1)
-    parts = ()
-    if thorough:
-        mode = replace(mode, keep=some)
-        parts = _parts(world, patch, robot, patched, mode, floor[some])
+    mode = replace(mode, keep=some)
+    parts = _parts(world, patch, robot, patched, mode, floor[some])
     answer = ProofFile(
         recording=recording.name,
         proof=_entry(whole, count(mode.keep)),

@@ -429,8 +429,12 @@ def refused_with_size(found: Diagnosis) -> list[Decision]:
     return [d for name, d in last.items() if name not in given]
 
 
-def strongest_withheld(found: Diagnosis, count: int = 5) -> list[Decision]:
-    """Return the gate at which each name was stopped, those first that came furthest.
+MOST_WITHHELD = 5
+"""Names that are said to have come furthest without being given; chosen."""
+
+
+def strongest_withheld(found: Diagnosis) -> list[Decision]:
+    """Return the gates at which the names that came furthest were stopped.
 
     Furthest: past most gates, then nearest to the threshold. Names that were given,
     and their equivalents, are not among them.
@@ -450,7 +454,7 @@ def strongest_withheld(found: Diagnosis, count: int = 5) -> list[Decision]:
         if name not in given
     }
     order = sorted(short, key=lambda name: (-passed[name], short[name]))
-    return [last[name] for name in order[:count]]
+    return [last[name] for name in order[:MOST_WITHHELD]]
 
 
 def _why_not(found: Diagnosis, name: Name) -> Iterator[str]:

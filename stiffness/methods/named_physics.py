@@ -71,13 +71,11 @@ class NamedPhysics(Method):
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
         targets: `flange`: the readings of the end-effector's markers, as the other
             methods use them; `all`: of every marker.
-        others: Whether laws without a name may stay, shrunken; else names alone.
     """
 
     arm: Arm
     held: tuple[str, ...] = ()
     targets: Literal["flange", "all"] = "flange"
-    others: bool = True
 
     @override
     def fit(self, recording: Recording) -> "NamedPhysicsFit":
@@ -96,9 +94,7 @@ class NamedPhysics(Method):
         if diagnosis.verdict == "no_mismatch" or diagnosis.nominal is None:
             return NamedPhysicsFit(springs, diagnosis, None)
         prepared = prepare(average_encoders(recording), arm)
-        return NamedPhysicsFit(
-            springs, diagnosis, _mechanics_of(prepared, diagnosis, self.others)
-        )
+        return NamedPhysicsFit(springs, diagnosis, _mechanics_of(prepared, diagnosis))
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,19 +325,16 @@ def _term(effect: NamedEffect, situation: StaticState) -> ModelTerm:
     return next(own, ModelTerm(laws[0], where, shape))
 
 
-def _mechanics_of(
-    prepared: Prepared, diagnosis: Diagnosis, others: bool
-) -> Mechanics | None:
+def _mechanics_of(prepared: Prepared, diagnosis: Diagnosis) -> Mechanics | None:
     """Fit springs and laws to all poses, within visits alone; None without a law."""
     here = prepared.situation
     bands = [[_term(e, here)] for e in diagnosis.named if e.name.effect in NAMES]
     named = len(bands)
-    if others:
-        bands += [
-            [ModelTerm(law, where, shape) for shape in law.shapes(here, where)]
-            for law in MECHANISMS
-            for where in law.places(here)
-        ]
+    bands += [
+        [ModelTerm(law, where, shape) for shape in law.shapes(here, where)]
+        for law in MECHANISMS
+        for where in law.places(here)
+    ]
     terms = [term for band in bands for term in band]
     laws = [term.jacobian(here) for term in terms]
     nominal = springs_of(here, prepared.springs)
@@ -355,7 +348,7 @@ def _mechanics_of(
     of_column = np.repeat(of_term, [law.columns for law in laws])
     band = np.concatenate([np.full(len(nominal), -1), of_column]).astype(int)
     square = float(np.sum(data.within.square))
-    if others and not _is_better(found.gram, score, band, named, square):
+    if not _is_better(found.gram, score, band, named, square):
         terms = terms[:named]
     if not terms:
         return None

@@ -177,9 +177,9 @@ TEN = 10
 
 
 def worst_poses(
-    error_mm: Mapping[str, Float[np.ndarray, "poses 3"]], count: int = TEN
-) -> Int[np.ndarray, " count"]:
-    """Return the poses with the largest error of any method but the springs, sorted.
+    error_mm: Mapping[str, Float[np.ndarray, "poses 3"]],
+) -> Int[np.ndarray, " worst"]:
+    """Return the ten poses of largest error by any method but the springs, sorted.
 
     Errors are compared by their length over all directions.
     """
@@ -187,7 +187,7 @@ def worst_poses(
     learnt = [error for name, error in error_mm.items() if name != "vjm"]
     lengths = [np.linalg.norm(error, axis=1) for error in learnt or shown]
     size = np.max(lengths, axis=0)
-    return np.argsort(-size, kind="stable")[:count]
+    return np.argsort(-size, kind="stable")[:TEN]
 
 
 def show_worst(

@@ -234,7 +234,7 @@ def test_series_b_of_the_ur10_confirms_what_series_a_taught(root):
     recording = ur10_recording(folder, "B").take(np.arange(0, 1495, 5))
     patch = patches.read(root / "results" / "real_ur10" / patches.FILE)
     arm = arm_of(UR10).for_recording(recording)
-    found = judge(recording, arm, UR10, patch, thorough=False)
+    found = judge(recording, arm, UR10, patch)
     assert list(targets_of(recording)) == ["t1"]
     assert found.whole.before > 0.9e-3
     assert found.whole.after < 0.32e-3

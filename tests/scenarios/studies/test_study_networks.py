@@ -262,10 +262,10 @@ def test_99th_percentile_leaves_at_most_one_in_a_hundred_above(count):
 
 
 def test_worst_poses_come_in_the_order_of_the_methods_largest_error():
-    error = np.zeros((4, 3))
-    error[:, 1] = [0.1, -0.4, 0.2, 0.3]
+    error = np.zeros((12, 3))
+    error[:4, 1] = [0.1, -0.4, 0.2, 0.3]
     shown = {"vjm": 9.0 * error[::-1], "ft_mlp": error, "dt_cnn": 0.5 * error}
-    np.testing.assert_array_equal(worst_poses(shown, 3), [1, 3, 2])
+    np.testing.assert_array_equal(worst_poses(shown), [1, 3, 2, 0, *range(4, 10)])
 
 
 def test_only_networks_have_training_curves():

@@ -90,13 +90,14 @@ def test_an_axis_that_no_load_turns_is_refused_by_name():
         NamedPhysics(nominal).fit(made)
 
 
-def test_laws_without_a_name_may_be_left_away():
+def test_laws_without_a_name_go_where_poses_left_out_do_not_gain_by_them():
     made = recording(*TRUTH)
     few = part_of(made, np.unique(made.posture_id)[:POSES])
     names = learnt().diagnosis.named
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(named_physics, "diagnose", lambda *_: learnt().diagnosis)
-        alone = NamedPhysics(arm(), others=False).fit(few)
+        patch.setattr(named_physics, "_is_better", lambda *_: False)
+        alone = NamedPhysics(arm()).fit(few)
     assert alone.mechanics is not None
     assert {t.name for t in alone.mechanics.terms} == {
         (e.name.effect, e.name.where) for e in names
