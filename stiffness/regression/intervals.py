@@ -26,6 +26,9 @@ from bench.shared.errors import BenchError
 
 # --- Intervals ------------------------------------------------------------------------
 
+LEVEL = 0.95
+"""How often an interval covers."""
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -35,20 +38,16 @@ class Interval:
         estimate: Of all rows; in SI where it is a physical quantity.
         low: Lower end.
         high: Upper end.
-        level: How often such an interval covers.
     """
 
     estimate: float
     low: float
     high: float
-    level: float = 0.95
 
     @property
     def sigma(self) -> float:
         """Standard deviation of a normal distribution with such an interval."""
-        return (self.high - self.low) / (
-            2.0 * float(stats.norm.ppf((1 + self.level) / 2))
-        )
+        return (self.high - self.low) / (2.0 * float(stats.norm.ppf((1 + LEVEL) / 2)))
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,6 @@ def bootstrap(
     statistic: Statistic,
     seed: int = 0,
     resamples: int = 2000,
-    level: float = 0.95,
 ) -> Interval:
     """Draw poses anew and see how a statistic scatters, by the BCa method.
 
@@ -92,7 +90,6 @@ def bootstrap(
         statistic: Vectorised over weights.
         seed: Of the draws.
         resamples: How many.
-        level: Of the interval.
 
     Returns:
         The statistic of all rows, and its interval.
@@ -114,19 +111,20 @@ def bootstrap(
     skew = np.sum(pull**3) / (6.0 * spread) if spread > 0.0 else 0.0
     below = np.mean(replicates < value) + 0.5 * np.mean(replicates == value)
     bias = stats.norm.ppf(np.clip(below, 1.0 / resamples, 1.0 - 1.0 / resamples))
-    ends = bias + stats.norm.ppf([0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    ends = bias + stats.norm.ppf([0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL])
     shares = stats.norm.cdf(bias + ends / (1.0 - skew * ends))
     low, high = np.quantile(replicates, shares)
-    return Interval(value, float(low), float(high), level)
+    return Interval(value, float(low), float(high))
 
 
-def share(successes: int, trials: int, level: float = 0.95) -> Interval:
+def share(successes: int, trials: int) -> Interval:
     """Return a share of trials with Clopper and Pearson's exact interval.
+
+    The interval covers at least as often as `LEVEL`.
 
     Args:
         successes: How many succeeded.
         trials: Of how many; at least one.
-        level: Of the interval, which covers at least as often.
 
     Raises:
         BenchError: Where the counts make no share.
@@ -135,8 +133,8 @@ def share(successes: int, trials: int, level: float = 0.95) -> Interval:
         raise BenchError(
             f"{successes} of {trials} is no share: 0 <= part <= whole >= 1."
         )
-    ends = stats.binomtest(successes, trials).proportion_ci(level, method="exact")
-    return Interval(successes / trials, float(ends.low), float(ends.high), level)
+    ends = stats.binomtest(successes, trials).proportion_ci(LEVEL, method="exact")
+    return Interval(successes / trials, float(ends.low), float(ends.high))
 
 
 def quotient_interval(

@@ -51,10 +51,10 @@ class LeastSquares:
         return np.sqrt(np.diag(self.clustered))
 
     def interval(
-        self, value: Float[np.ndarray, " parameters"], level: float = 0.95
+        self, value: Float[np.ndarray, " parameters"]
     ) -> tuple[Float[np.ndarray, " parameters"], Float[np.ndarray, " parameters"]]:
-        """Return the ends of intervals around a value by the clustered errors."""
-        reach = student.ppf(0.5 + 0.5 * level, max(self.groups - 1, 1))
+        """Return the ends of 95 % intervals around a value by the clustered errors."""
+        reach = student.ppf(0.975, max(self.groups - 1, 1))
         return (
             value - reach * self.sigma_clustered,
             value + reach * self.sigma_clustered,

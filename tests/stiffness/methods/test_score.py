@@ -133,9 +133,9 @@ def test_interval_without_poses_to_draw_is_refused():
         share(5, 4)
 
 
-@pytest.mark.parametrize(("level", "half"), [(0.95, 1.959964), (0.6826895, 1.0)])
-def test_sigma_of_an_interval_is_that_of_a_normal_distribution(level, half):
-    found = Interval(3.0, 3.0 - 0.2 * half, 3.0 + 0.2 * half, level)
+def test_sigma_of_an_interval_is_that_of_a_normal_distribution():
+    half = 1.959964
+    found = Interval(3.0, 3.0 - 0.2 * half, 3.0 + 0.2 * half)
     assert found.sigma == pytest.approx(0.2, rel=1e-6)
 
 
