@@ -62,6 +62,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.stats import sem
 
 from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key
@@ -244,7 +245,7 @@ def mean_log_gain(
 ) -> tuple[float, float]:
     """Return the mean gain of the logarithm of the residual, and its standard error."""
     each = np.log(before / after)
-    return float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each)))
+    return float(each.mean()), float(sem(each))
 
 
 # --- Confounded effects ---------------------------------------------------------------

@@ -30,6 +30,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import sem
 
 from bench.shared.settings import SETTINGS
 from stiffness.dual_encoder.fit import (
@@ -129,7 +130,7 @@ def orders_alike(
         while abs(order + way - term.order) <= reach and order + way >= ORDER_STEP:
             other = _residual_squares((*rest, wave(order + way)), then)
             more = np.concatenate(other) - best
-            if more.mean() > MARGIN * more.std(ddof=1) / np.sqrt(len(more)):
+            if more.mean() > MARGIN * sem(more):
                 break
             order += way
         ends.append(order)

@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.stats import sem
 from scipy.stats import t as student
 
 from bench.shared.recording import Recording
@@ -159,8 +160,7 @@ def commanded_lags(recording: Recording) -> Float[np.ndarray, "axes 2"]:
     for k in range(len(found)):
         own = ahead[np.isfinite(ahead[:, k]) & (side[:, k] != 0.0), k]
         if len(own) > 2:
-            error = own.std(ddof=1) / np.sqrt(len(own))
-            found[k] = own.mean(), student.ppf(0.975, len(own) - 1) * error
+            found[k] = own.mean(), student.ppf(0.975, len(own) - 1) * sem(own)
     return found
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import sem
 
 from bench.shared.settings import SETTINGS
 from stiffness.regression.normal_equations import (
@@ -183,7 +184,7 @@ def gain_of(
     gains = np.concatenate(
         [(b - a) / b.mean() for b, a in zip(before, after, strict=True)]
     )
-    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    return float(gains.mean()), float(sem(gains))
 
 
 # --- Several sizes at once ------------------------------------------------------------

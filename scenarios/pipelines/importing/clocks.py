@@ -31,6 +31,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.stats import sem
 from scipy.stats import t as student
 
 from bench.shared.recording import Recording
@@ -166,8 +167,7 @@ def lag_between(
         lags += [] if lag is None else [lag]
     if len(lags) < 2:
         return Lag(whole, np.inf)
-    error = np.std(lags, ddof=1) / np.sqrt(len(lags))
-    wide = student.ppf(0.975, len(lags) - 1) * error
+    wide = student.ppf(0.975, len(lags) - 1) * sem(lags)
     slow = max(np.median(np.diff(time_a)), np.median(np.diff(time_b)))
     return Lag(whole, float(np.hypot(wide, slow * BETWEEN)))
 
