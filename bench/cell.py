@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.kinematic_chain import Anatomy, pose_in
+from bench.shared.errors import BenchError
 from bench.shared.recording import Payload
 
 GRAVITY = 9.81
@@ -102,6 +103,12 @@ def reach(model: mujoco.MjModel, arm: Anatomy) -> float:
 
 def mount(spec: mujoco.MjSpec, arm: Anatomy, cell: Cell) -> None:
     """Put sensor, hook, pulleys and ropes on an arm that stands on its base."""
+    own = {MOUNT, LOAD_POINT} & {body.name for body in spec.bodies}
+    if own:
+        raise BenchError(
+            f"The model already has a body {own.pop()!r}, a part of this bench's cell: "
+            "give the file of the arm alone, without force sensor and ropes."
+        )
     flange = spec.body(arm.flange)
     near = flange.add_body(name="sensor_near_side", pos=[0, 0, cell.sensor_height / 2])
     _disc(near, cell.sensor_mass)

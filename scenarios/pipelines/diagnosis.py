@@ -365,7 +365,7 @@ def disagreements(diagnosis: Diagnosis, simulated: Proof | None) -> Iterator[War
             "by the patch nor said to be open at a place: the search lets laws have "
             "other forms, and gears other states, than mechanisms of the simulator.",
         )
-    fitted = found.held_out_rms if simulated.absolute else found.held_out_within_rms
+    fitted = found.fitted_rms(simulated.absolute, held_out=simulated.folds == 1)
     before = simulated.markers.before
     if before > SETTINGS.simulator_ratio * fitted:
         yield Warned(

@@ -83,6 +83,7 @@ from stiffness.diagnosis.unknown_noise import (
     reading_noise,
     scatter_of_readings,
     scattering_axes,
+    smaller_noise,
     unknown_arrivals,
 )
 from stiffness.diagnosis.verdict import (
@@ -366,7 +367,7 @@ def diagnose(
     told = noise_text(prepared, looked.last, scatter, ratio, bool(unstated))
     said = data_warnings(prepared)
     if prepared.degrees_of_freedom and recording.wrench is not None and ratio == 1.0:
-        text = wrench_noise_text(looked.last.noise_ratio)
+        text = wrench_noise_text(smaller_noise(prepared, looked.last))
         remarks += [Warned("noise_statement", "wrench_sensor", text)] * bool(text)
     if told:
         told = Warned("noise_statement", "tracker", told)

@@ -78,6 +78,17 @@ class Detection:
     within_rms: float = float("nan")
     noise_within_rms: float = float("nan")
 
+    def fitted_rms(self, absolute: bool, held_out: bool) -> float:
+        """Return what the fitted nominal arm leaves, in m.
+
+        Args:
+            absolute: With what means of visits leave.
+            held_out: On the poses held out; otherwise on all.
+        """
+        if held_out:
+            return self.held_out_rms if absolute else self.held_out_within_rms
+        return self.residual_rms if absolute else self.within_rms
+
     def rms_and_noise(self, within: bool) -> tuple[float, float]:
         """Return rms and noise, of differences within visits where these are known."""
         if within and np.isfinite(self.within_rms):

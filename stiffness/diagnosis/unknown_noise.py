@@ -114,6 +114,15 @@ def _ratio_of_scatter(prepared: Prepared, last: DetectionTest) -> float:
     return max(last.noise_ratio, 1.0) if shared else last.noise_ratio
 
 
+def smaller_noise(prepared: Prepared, last: DetectionTest) -> float:
+    """Return noise over the one it was held for, where it is smaller; one elsewhere.
+
+    Of too few poses to judge scatter by, what laws fitted to them leave is less.
+    """
+    ratio, measured = _ratio_of_scatter(prepared, last), last.scatter.dispersion > 0.0
+    return ratio if measured and 0.0 < ratio < 1.0 / ODD else 1.0
+
+
 CLEARLY = 3.0
 """Scatter of an axis over the most that a data sheet allows from which it is a finding;
 chosen."""
@@ -176,7 +185,7 @@ def noise_text(
         ratio: That noise over the one before.
         unstated: Whether no noise is stated.
     """
-    sigma, now = 1e3 * reading_noise(prepared), _ratio_of_scatter(prepared, last)
+    sigma, now = 1e3 * reading_noise(prepared), smaller_noise(prepared, last)
     if scatter is not None:
         return (
             f"{1e3 * scatter:.3g} mm rms of a reading fit no law and were taken for "
@@ -185,7 +194,7 @@ def noise_text(
         )
     if ratio < 1.0:
         return f"the tracker's noise is not stated; readings scatter by {sigma:.3g} mm."
-    if unstated or prepared.degrees_of_freedom or not 0.0 < now < 1.0 / ODD:
+    if unstated or prepared.degrees_of_freedom or now == 1.0:
         return ""
     sure = now < MUCH_FINER or prepared.situation.recording.wrench is None
     stated = "noise" if sure else "noise of tracker or force sensor"

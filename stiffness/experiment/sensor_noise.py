@@ -112,9 +112,9 @@ def wrench_noise_text(ratio: float) -> str:
 
     Args:
         ratio: All scatter over what the tracker's measured and the force sensor's
-            stated noise make of it together.
+            stated noise make of it together; one: no less.
     """
-    if not 0.0 < ratio < 1.0 / ODD:
+    if ratio == 1.0:
         return ""
     return (
         "the stated noise of the force sensor cannot be true: readings scatter "

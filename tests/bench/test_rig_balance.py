@@ -162,3 +162,9 @@ def test_an_arm_that_finds_no_rest_leaves_no_file_where_one_stands(
     with pytest.raises(BenchError, match="finds no rest"):
         Rig(kr10).respond(posture, np.full((2, 1, 6), 1e300), np.ones((2, 1)))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_arm_that_stands_in_a_cell_already_is_refused(kr10):
+    """Its force sensor and ropes would be there twice."""
+    with pytest.raises(BenchError, match="the file of the arm alone"):
+        Rig(kr10.parent / "scene.xml").carry_out(table_one(1))

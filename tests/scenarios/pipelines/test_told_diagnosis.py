@@ -475,19 +475,26 @@ def test_a_mismatch_is_stated_as_its_proof_compares_readings(found, absolute, mi
 
 
 @pytest.mark.parametrize(
-    ("absolute", "fitted", "alarms"),
+    ("absolute", "folds", "fitted", "alarms"),
     [
-        (True, {"held_out_rms": 2.1e-5}, False),
-        (True, {"held_out_rms": 1.9e-5}, True),
-        (False, {"held_out_within_rms": 2.1e-5}, False),
-        (False, {"held_out_within_rms": 1.9e-5, "held_out_rms": 1.0}, True),
-        (False, {}, False),
+        (True, 1, {"held_out_rms": 2.1e-5}, False),
+        (True, 1, {"held_out_rms": 1.9e-5}, True),
+        (False, 1, {"held_out_within_rms": 2.1e-5}, False),
+        (False, 1, {"held_out_within_rms": 1.9e-5, "held_out_rms": 1.0}, True),
+        (False, 1, {}, False),
+        (True, 4, {"held_out_rms": 1.9e-5, "residual_rms": 2.1e-5}, False),
+        (True, 4, {"held_out_rms": 2.1e-5, "residual_rms": 1.9e-5}, True),
+        (False, 4, {"held_out_within_rms": 1.9e-5, "within_rms": 2.1e-5}, False),
+        (False, 4, {"held_out_within_rms": 2.1e-5, "within_rms": 1.9e-5}, True),
     ],
 )
 def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
-    found, absolute, fitted, alarms
+    found, absolute, folds, fitted, alarms
 ):
-    """30 µm in the simulator; the line is 1.5 times what the fitted arm leaves."""
+    """30 µm in the simulator; the line is 1.5 times what the fitted arm leaves.
+
+    Where several folds judge, every pose is kept back once: the same poses count.
+    """
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
     channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
     simulated: Any = SimpleNamespace(
@@ -495,7 +502,7 @@ def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
         angles=None,
         held_out=(1, 2),
         absolute=absolute,
-        folds=1,
+        folds=folds,
         rotations=None,
         spring_errors=None,
     )
@@ -515,7 +522,7 @@ def test_what_neither_patch_nor_an_open_place_accounts_for_is_said(
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
     share = Share(0.9, 0.87, high)
     channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses, share)
-    simulated: Any = SimpleNamespace(markers=channel, absolute=True)
+    simulated: Any = SimpleNamespace(markers=channel, absolute=True, folds=1)
     place = UnexplainedPlace("a2", 1e-4, open_, ("load",))
     fitted = replace(found.detection, held_out_rms=3e-5)
     other = replace(found, detection=fitted, unexplained_places=(place,))
