@@ -511,9 +511,12 @@ def _magnitudes(effect: str, together: Sequence[Called]) -> str:
         unit, factor = "%", 100.0 * factor
     known.sort(key=lambda x: x[2][0])
     told = [rounded(p, factor, at[0]) for _, p, at in (known[0], known[-1])]
-    if len(known) == 1:
-        _, one, (_, low, high) = known[0]
-        told = [rounded(one, factor, low), rounded(one, factor, high)]
+    if len(together) == 1:  # its interval; of its several sizes, from all their ends
+        low, high = min(known, key=lambda x: x[2][1]), max(known, key=lambda x: x[2][2])
+        told = [
+            rounded(low[1], factor, low[2][1]),
+            rounded(high[1], factor, high[2][2]),
+        ]
     told = [x.removesuffix(".0") for x in told]
     text = told[0] if told[0] == told[1] else f"{told[0]} to {told[1]}"
     return " ".join(filter(None, (text, unit, word)))

@@ -118,6 +118,12 @@ def values_of(
     return held.unit.inward(numbers), faults
 
 
+NO_READING = (
+    " Rows like this are left out and counted by skip_incomplete = true in [csv]; of "
+    "a marker that was not seen the cell is blank."
+)
+
+
 def _blank(row: int) -> str:
     return (
         "blank; a blank is legal in marker and aK_link_deg columns alone. Rows like "
@@ -174,6 +180,7 @@ def _one_by_one(
             numbers[row] = float(cell)
         elif cell:
             wrong[row] = f"{quoted(shown[row])} is not a number{_with(mark, cell)}."
+            wrong[row] += NO_READING if cell.strip().casefold() in MISSING else ""
     return numbers, wrong
 
 

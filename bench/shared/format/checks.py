@@ -293,8 +293,10 @@ def faults_in(
             and name not in WRENCH
         ):
             most, unit = LARGEST_READING[held.column.kind]
-            say = f"{{:.4g}} {unit} is beyond {most:.4g}; is its unit right?"
-            faults += at(name, np.abs(values[name]) > most, say, values[name])
+            size = np.abs(values[name])
+            say = f"up to {{:.4g}} {unit}, beyond {most:.4g}; is its unit right?"
+            largest = np.full(size.shape, np.max(size, initial=0.0, where=size > most))
+            faults += at(name, size > most, say, largest)
     if "pose" in values:
         faults += _odd_visits(values, relative, at)
     if "pose" in values and plateaus:
@@ -393,10 +395,14 @@ def _beyond_limits(
         span = (low - allowed, high + allowed)
         wrong = (column < span[0]) | (column > span[1])
         shown = f"{low * factor:g} to {high * factor:g}{unit}"
-        say = f"{{:.6g}}{unit} is beyond the limits of {model.joints[joint]!r}, {shown}"
+        whose = f"beyond the limits of {model.joints[joint]!r}, {shown}"
         ways = [] if not wrong.any() else _ways_inside(values, name, span)
-        say += f"; all rows are inside {' or '.join(ways)}." if ways else "."
-        faults += at(name, wrong, say, column * factor)
+        say, told = f"{{:.6g}}{unit} is {whose}.", column * factor
+        if ways:  # the column is meant otherwise: one fault, not one for each row
+            ends = [f"{end(told):.6g}{unit}" for end in (np.nanmin, np.nanmax)]
+            say = f"{' to '.join(ends)}, {whose}; all rows are inside "
+            say += f"{' or '.join(ways)}."
+        faults += at(name, wrong, say, told)
     return faults
 
 
@@ -412,7 +418,7 @@ def _ways_inside(
     if unit == "deg" and np.abs(column).max() > TURNS * 2.0 * np.pi:
         fits = [word for word, size in ANGLES if inside(column * size)]
         return [f"taken for {word} (check the unit)" for word in fits[:1]]
-    ways = ["with the other sign"] if inside(-column) else []
+    ways = ["with the other sign (factor = -1.0)"] if inside(-column) else []
     if unit == "deg":
         fits = [o for o in (*ZEROS, -180.0) if inside(column + np.radians(o))]
         if fits:

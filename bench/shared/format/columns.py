@@ -66,7 +66,13 @@ UNITS: dict[str, dict[str, Unit]] = {
         "um": Unit(over=1e6),
         "in": Unit(times=25.4, over=1e3),
     },
-    "force": {"N": Unit(), "kN": Unit(times=1e3), "mN": Unit(over=1e3)},
+    "force": {
+        "N": Unit(),
+        "kN": Unit(times=1e3),
+        "mN": Unit(over=1e3),
+        "kgf": Unit(times=9.80665),  # ISO 80000-4
+        "lbf": Unit(times=4.4482216152605),  # 0.45359237 kg times 9.80665 m/s²
+    },
     "torque": {
         "Nm": Unit(),
         "kNm": Unit(times=1e3),
@@ -408,7 +414,7 @@ def _terms(source: Source, column: Column) -> tuple[tuple[tuple[str, float], ...
     if not fault and (factors is None or len(factors) != len(names)):
         ones = ", ".join(["1"] * len(names))
         fault = f"sum needs one factor for each column, as in sum = [{ones}]."
-    elif not fault and not all(factors or ()):
+    elif not fault and not all(factors or ()) and column.name not in WRENCH:
         fault = "a factor is 0; leave the column out."
     elif not fault and column.kind in (COUNT, WORD):
         fault = "it counts or names; it has no factor and is no sum."
@@ -427,7 +433,9 @@ def _formula(terms: Sequence[tuple[str, float]]) -> str:
     return shown.removeprefix(" + ").lstrip()
 
 
+_ZERO = " Where it is zero, as beside a weight: {} = {{ from = a column, factor = 0 }}."
 _INSTEAD_OF = {
+    **{name: _ZERO.format(name) for name in WRENCH},
     "time_s": " Rows at even times need none: interval_s = N, in s.",
     "pose": " Where each row is a pose of its own: number_rows = true.",
 }
@@ -453,8 +461,9 @@ def _missing(
     for marker in manifest.markers:
         if any(name in held for name in spread_of(marker)):
             needed += spread_of(marker)
+    unmapped = ", and nothing in [columns] is mapped to it" * bool(manifest.columns)
     return faults + [
-        f"{file}: column {name!r} is missing.{nearest(name, unread)}"
+        f"{file}: column {name!r} is missing{unmapped}.{nearest(name, unread)}"
         f"{_INSTEAD_OF.get(name, '')}"
         for name in needed
         if name not in held

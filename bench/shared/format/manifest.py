@@ -4,6 +4,7 @@
 """
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from types import UnionType
@@ -51,8 +52,27 @@ def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
     try:
         built = msgspec.convert(value, kind)
     except (msgspec.ValidationError, OverflowError, RecursionError) as error:
-        return None, [f"{where}: {quoted(value)} — {first_line(error)}."]
+        return None, [f"{where}: {quoted(value)} — {_expected(kind, error)}."]
     return built, []
+
+
+IN_WORDS = {
+    **{"float": "a number", "int": "a whole number", "bool": "true or false"},
+    **{"str": "a text", "array": "a list", "object": "a table", "null": "nothing"},
+}
+"""Types of a value as a user calls them."""
+
+
+def _expected(kind: Any, error: Exception) -> str:
+    """Return what is allowed in place of a value that cannot be meant."""
+    words = [w for c in _choices(kind) if get_origin(c) is Literal for w in get_args(c)]
+    if words and "enum" in str(error):
+        return f"not one of: {', '.join(map(str, words))}"
+    said = first_line(error)
+    for types in re.findall("`([a-z |]+)`", said):
+        names = [IN_WORDS.get(name) or name for name in types.split(" | ")]
+        said = said.replace(f"`{types}`", " or ".join(names))
+    return said
 
 
 def _fill_section(

@@ -111,6 +111,7 @@ SPELLINGS: dict[str, str] = {
     **{"radian": "rad", "radians": "rad", "µm": "um", "μm": "um", "micron": "um"},
     **{"inch": "in", "meter": "m", "sec": "s", "seconds": "s", "µs": "us"},
     **{"n·m": "Nm", "n*m": "Nm", "n m": "Nm", "n.m": "Nm", "nmm": "Nmm"},
+    **{"kp": "kgf", "kg-f": "kgf", "kgf": "kgf", "lb-f": "lbf"},
     **{"°c": "degC", "c": "degC", "°f": "degF", "min.": "min", "sek": "s"},
 }
 """How units are also written."""
@@ -167,11 +168,11 @@ def guess_of(sheet: Sheet, model: ModelFacts | None = None) -> Guess:
     coupled: list[tuple[str, str, re.Match[str]]] = []
     points: dict[str, dict[str, tuple[str, str]]] = {}
     spreads: dict[str, dict[str, tuple[str, str]]] = {}
-    for name, below in zip(sheet.names, sheet.units, strict=True):
+    for name in sheet.names:
         if not name or sheet.names.count(name) > 1:
             continue
-        match = _UNIT.match(name)
-        plain, unit = (match[1], match[2]) if match else (name, below)
+        match, unit = _UNIT.match(name), _unit_beside(sheet, name)
+        plain = match[1] if match else name
         plain = plain.strip().casefold()
         if said := _known(name) or _by_word(plain) or _by_joint(plain, model):
             columns.setdefault(said, (name, _unit(said, unit)))
@@ -253,12 +254,41 @@ def _by_joint(plain: str, model: ModelFacts | None) -> str | None:
 
 def _unit(said: str, unit: str, markers: tuple[str, ...] = ()) -> str | None:
     """Return a unit as `[columns]` calls it; None for the format's own or none."""
-    column = column_of(said, markers)
-    known = UNITS.get(column.kind, {}) if column else {}
-    unit = SPELLINGS.get(unit.strip().casefold(), unit.strip())
-    if unit not in known:
-        unit = {k.casefold(): k for k in known}.get(unit.casefold(), "")
+    known = _units_of(said, markers)
+    unit = _spelt(unit, known)
     return unit if unit and unit != next(iter(known), "") else None
+
+
+def _units_of(said: str, markers: Sequence[str]) -> list[str]:
+    """Return the units that a column may have, the format's own first."""
+    column = column_of(said, markers)
+    return list(UNITS.get(column.kind, {})) if column else []
+
+
+def _spelt(unit: str, known: Sequence[str]) -> str:
+    """Return a unit as it is spelt here; empty where it is none of these."""
+    unit = SPELLINGS.get(unit.strip().casefold(), unit.strip())
+    return (
+        unit
+        if unit in known
+        else {k.casefold(): k for k in known}.get(unit.casefold(), "")
+    )
+
+
+def _unit_beside(sheet: Sheet, name: str) -> str:
+    """Return what stands in brackets in a column's name, or below it."""
+    match = _UNIT.match(name)
+    return (match[2] if match else sheet.units[sheet.names.index(name)]).strip()
+
+
+def _remark(sheet: Sheet, name: str, known: Sequence[str]) -> str:
+    """Return what is said behind a column whose unit is none that is known."""
+    unit = _unit_beside(sheet, name)
+    if not unit or not known or _spelt(unit, known):
+        return ""
+    return (
+        f"  # {_quoted(unit)} is none of {', '.join(known)}: if it is a unit, a factor"
+    )
 
 
 # --- The mapping ----------------------------------------------------------------------
@@ -334,7 +364,8 @@ def _lines(
         if said == WRENCH[0]:
             yield "# what the world exerts on the robot: pulled along +x, fx_n is above"
             yield "# 0; of the other sign: factor = -1.0 beside unit, in all six"
-        yield f"{said if plain else _quoted(said)} = {entry}"
+        remark = _remark(sheet, source, _units_of(said, guess.markers))
+        yield f"{said if plain else _quoted(said)} = {entry}{remark}"
     for said, (terms, unit) in guess.sums.items():
         sources = ", ".join(map(_quoted, terms))
         own = f", unit = {_quoted(unit)}" if unit else ""

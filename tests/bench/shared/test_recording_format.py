@@ -164,7 +164,7 @@ def test_a_slide_axis_is_in_millimetres(folder):
     recording, _ = read(folder, replace(arm, lower=np.r_[0.0, ARM.lower[1:]]))
     assert recording.slides == (True, False, False, False, False, False)
     assert set(recording.posture[:, 0]) == {0.25}
-    with pytest.raises(Unusable, match="'a1_mm': 250mm is beyond the limits"):
+    with pytest.raises(Unusable, match="'a1_mm': 250mm to 250mm, beyond the limits"):
         read(folder, replace(arm, upper=np.r_[0.2, ARM.upper[1:]]))
 
 
@@ -179,11 +179,13 @@ def test_an_angle_may_exceed_its_limit_by_half_a_degree(folder):
 
 
 def test_an_angle_whose_other_sign_is_within_the_limits_is_said_to_be(folder):
+    """Once, not for each of the many angles."""
     every("a3_deg", lambda v: str(-140.0 - float(v) / 100.0))(folder)
-    with pytest.raises(
-        Unusable, match="-120 to 156°; all rows are inside with the oth"
-    ):
+    with pytest.raises(Unusable) as caught:
         read(folder, ARM)
+    (fault,) = caught.value.faults
+    said = "-120 to 156°; all rows are inside with the other sign (factor = -1.0)"
+    assert said in fault
     every("a3_deg", lambda v: str(-float(v) * 1.2))(folder)
     cell(3, "a3_deg", "-170")(folder)
     with pytest.raises(Unusable, match="-120 to 156°\\."):
@@ -290,6 +292,8 @@ UNIT_ROWS = [
     ("force", "N", 3.0, 3.0),
     ("force", "kN", 3.0, 3000.0),
     ("force", "mN", 3.0, 0.003),
+    ("force", "kgf", 2.0, 19.6133),
+    ("force", "lbf", 1.0, 0.45359237 * 9.80665),
     ("torque", "Nm", 3.0, 3.0),
     ("torque", "kNm", 3.0, 3000.0),
     ("torque", "mNm", 3.0, 0.003),

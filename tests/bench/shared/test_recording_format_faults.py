@@ -143,7 +143,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("time backwards", cell(3, "time_s", "1"), ("row 3", "'time_s'", "backwards")),
     ("rows shuffled", shuffled, ("row 11", "'time_s'", "backwards")),
     ("beyond a limit", cell(3, "a2_deg", "45.6"), (*A2_ROW_3, "-190 to 45°")),
-    ("radians for degrees", every("a1_deg", lambda v: str(float(v) * 57.3)), ("'a1_deg'", "beyond the limits", "The same in lines 13, 14, 15")),
+    ("radians for degrees", every("a1_deg", lambda v: str(float(v) * 57.3)), ("'a1_deg'", "beyond the limits", "The same in lines 3, 4, 5, 6, 7 and 14 more")),
     ("force above 20 kN", cell(3, "fz_n", "-20001"), ("row 3", "'fz_n'", "20 kN")),
     ("torque above 5 kNm", cell(3, "ty_nm", "5001"), ("row 3", "'ty_nm'", "5 kNm")),
     ("negative mass on the hook", cell(3, "load_kg", "-1"), ("row 3", "'load_kg'", "less than 0")),

@@ -258,7 +258,33 @@ def test_a_negative_spread_and_one_without_its_coordinates_are_refused(tmp_path)
     lab.write(tmp_path)
     missing, spread = faults_of(tmp_path)
     assert "line 5 (row 4 below the header), column 'sz': a spread of -0.02" in spread
-    assert "column 'p_std_y_mm' is missing" in missing
+    assert "column 'p_std_y_mm' is missing, and nothing in [columns]" in missing
+
+
+def test_a_weight_is_a_force_whose_other_parts_are_nothing(tmp_path):
+    lab = replace(Lab(), sensors='accuracy_n = 0.5\nframe = "base"')
+    nothing = '{ from = "Fx", factor = 0 }'
+    hung = {"fx_n": nothing, "fy_n": nothing, "fz_n": '{ from = "Fx", factor = -9.81 }'}
+    read = read_of(tmp_path, replace(lab, columns={**lab.columns, **hung}))
+    pulled = np.outer(np.arange(7), [0.0, 0.0, -9.81, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(read.wrench, pulled, atol=1e-12)
+    (tmp_path / "less").mkdir()
+    less = {n: c for n, c in lab.columns.items() if n != "fx_n"}
+    replace(lab, columns=less).write(tmp_path / "less")
+    (fault,) = faults_of(tmp_path / "less")
+    assert "'fx_n' is missing, and nothing in [columns] is mapped to it." in fault
+    assert "as beside a weight: fx_n = { from = a column, factor = 0 }" in fault
+
+
+def test_what_is_allowed_is_said_in_words(tmp_path):
+    lab = replace(Lab(), top="interval_s = [1]").cell(2, "J1", "NaN")
+    lab.write(tmp_path)
+    text = (tmp_path / "map.toml").read_text()
+    (tmp_path / "map.toml").write_text(text.replace('"plateaus"', '"points"'))
+    told = "\n".join(faults_of(tmp_path))
+    assert "rows: 'points' — not one of: plateaus, stream" in told
+    assert "interval_s: [1] — Expected a number" in told
+    assert "'NaN' is not a number with a decimal comma. Rows like this are" in told
 
 
 # --- Several files, row by row ---------------------------------------------------------
@@ -301,7 +327,10 @@ def test_faults_of_joined_files_are_named_in_their_own_lines(tmp_path):
     own, cell, large = faults_of(tmp_path)
     assert "tracker.csv, line 8 (row 5 below the header), column 'x': 'up'" in own
     assert "lab.csv, line 7 (row 6 below the header), column 'J1': 'ten'" in cell
-    assert "tracker.csv, line 6 (row 3 below the header), column 'x': 9e+06 m" in large
+    assert (
+        "tracker.csv, line 6 (row 3 below the header), column 'x': up to 9e+06 m"
+        in large
+    )
 
 
 def test_a_file_that_nothing_is_taken_from_is_one_fault(tmp_path):

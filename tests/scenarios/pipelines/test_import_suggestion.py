@@ -136,6 +136,15 @@ def test_what_nobody_understood_is_listed_and_what_is_guessed_is_asked(tmp_path)
     assert "repeatability_mm = 0.02  # one sigma of one reading: say yours" in text
 
 
+def test_a_unit_that_nobody_knows_is_not_passed_over(tmp_path):
+    file = tmp_path / "lab.csv"
+    file.write_text("J1;Fx;Fy [kp];X;Y;Z\n°;lbs;;mm;mm;mm\n1;2;3;4;5;6\n1;2;3;4;5;7\n")
+    text = suggested(file)
+    assert 'fx_n = "Fx"  # "lbs" is none of N, kN, mN, kgf, lbf: if it is a' in text
+    assert 'fy_n = { from = "Fy [kp]", unit = "kgf" }\n' in text
+    assert text.count("is none of") == 1
+
+
 @pytest.mark.parametrize(
     ("marker", "robot", "body"),
     [

@@ -183,6 +183,15 @@ def test_thirty_names_are_a_line_for_each_effect_the_largest_first(answer):
         assert line in told
 
 
+def test_the_sizes_of_one_name_are_said_as_far_as_their_intervals_go():
+    sizes = {
+        "u_rad_per_nm": Interval(4.00e-6, 3.8e-6, 4.2e-6),
+        "v_rad_per_nm": Interval(4.01e-6, 3.2e-6, 4.7e-6),
+    }
+    one = msgspec.structs.replace(NAMES[0], effect="bearing_tilt", parameters=sizes)
+    assert summary._magnitudes("bearing_tilt", [one]) == "3.2 to 4.7 µrad/(N m)"
+
+
 def test_every_effect_has_plain_words():
     assert set(summary.PLAIN) == set(CATALOGUE)
 
