@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Num
 from scipy.stats import bootstrap
 
 from bench.proof.comparison import (
@@ -166,6 +166,19 @@ def _through_the_gears(
 RESAMPLES = SETTINGS.resamples
 
 
+def resampled(
+    sums: Num[np.ndarray, "*kinds groups"],
+) -> Num[np.ndarray, "*kinds draws"]:
+    """Return totals over groups that are drawn anew, `RESAMPLES` times.
+
+    Every call with as many groups draws the same ones, so that totals of several calls
+    belong together.
+    """
+    groups = sums.shape[-1]
+    drawn = np.random.default_rng(0).integers(groups, size=(RESAMPLES, groups))
+    return sums[..., drawn].sum(axis=-1)
+
+
 @dataclass(frozen=True)
 class Share:
     """A share of what noise does not explain, with its 95 % interval."""
@@ -220,8 +233,7 @@ def explained_share(
     """
     sums = np.stack([before, after, noise]) / count.sum()
     groups = len(count)
-    drawn = np.random.default_rng(0).integers(groups, size=(RESAMPLES, groups))
-    again = sums[:, drawn].sum(axis=2)  # the common count of a draw cancels
+    again = resampled(sums)  # the common count of a draw cancels
     mismatch = again[0] - again[2]
     one = sums.sum(axis=1)
     if groups < 2 or np.quantile(mismatch, 0.025) <= 0.0 or one[0] <= one[2]:

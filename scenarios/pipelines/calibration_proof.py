@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from bench.experiment import faulty
 from bench.instruments import Instruments
 from bench.patch import Patch, rig_of
-from bench.proof.explained_share import Share, explained_share
+from bench.proof.explained_share import RESAMPLES, Share, explained_share, resampled
 from bench.proof.setup import for_simulator, model_body, point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
@@ -32,7 +32,6 @@ from stiffness.robot.tracker_frame import kabsch, rotations
 # --- Proof on held-out poses ----------------------------------------------------------
 
 HOUR = 3600.0
-RESAMPLES = SETTINGS.resamples
 SETTLED = 1e-3
 """Duration of a simulated plateau, in s; short, since nothing creeps here."""
 AT_ONCE = 2000
@@ -238,15 +237,24 @@ def _pose_repeatability(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
 
 def _gain(before, after, region) -> tuple[tuple[float, float, float], float]:
     """Return gain in m, its interval and its p-value by a bootstrap over regions."""
-    names, index = np.unique(region, return_inverse=True)
-    count = np.bincount(index)
-    squares = [np.bincount(index, np.sum(r**2, axis=1)) for r in (before, after)]
-    drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLES, len(names)))
-    size = [np.sqrt(s[drawn].sum(axis=1) / count[drawn].sum(axis=1)) for s in squares]
-    gain = size[0] - size[1]
+    first, last = (np.sqrt(_resampled_mean_square(r, region)) for r in (before, after))
+    gain = first - last
     low, high = np.quantile(gain, [0.025, 0.975])
-    p_value = float((1 + np.sum(gain <= 0.0)) / (1 + RESAMPLES))
-    return (rms(before) - rms(after), float(low), float(high)), p_value
+    return (rms(before) - rms(after), float(low), float(high)), _p_value(gain <= 0.0)
+
+
+def _resampled_mean_square(
+    residual: Float[np.ndarray, "rows axes"], region: Int[np.ndarray, " rows"]
+) -> Float[np.ndarray, " draws"]:
+    """Return the mean square of a residual over regions that are drawn anew."""
+    _, index = np.unique(region, return_inverse=True)
+    squares = np.bincount(index, np.sum(residual**2, axis=1))
+    return resampled(squares) / resampled(np.bincount(index))
+
+
+def _p_value(against: Bool[np.ndarray, " draws"]) -> float:
+    """Return the p-value of a bootstrap whose draws against the claim are true."""
+    return float((1 + np.sum(against)) / (1 + RESAMPLES))
 
 
 # --- Summary of the residual ----------------------------------------------------------
@@ -354,13 +362,8 @@ def _beyond_stated(found: Calibrated, residual, region) -> tuple[float, float]:
     if not np.isfinite(found.readings.stated):
         return np.nan, 1.0
     square = 3.0 * found.readings.stated**2 * (1.0 + 2.0 * found.used)
-    names, index = np.unique(region, return_inverse=True)
-    count = np.bincount(index)
-    sums = np.bincount(index, np.sum(residual**2, axis=1))
-    drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLES, len(names)))
-    mean = sums[drawn].sum(axis=1) / count[drawn].sum(axis=1)
-    p_value = (1 + np.sum(mean <= square)) / (1 + RESAMPLES)
-    return float(np.sqrt(square)), float(p_value)
+    p_value = _p_value(_resampled_mean_square(residual, region) <= square)
+    return float(np.sqrt(square)), p_value
 
 
 def _new_angles(found: Calibrated) -> Bool[np.ndarray, " rows"]:
