@@ -39,7 +39,7 @@ from bench.proof.simulation import (
     SimulatedReadings,
 )
 from bench.rig import RIGID
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import SETTINGS, Interval
 
 # --- Noise floor ----------------------------------------------------------------------
 
@@ -179,13 +179,10 @@ def resampled(
     return sums[..., drawn].sum(axis=-1)
 
 
-@dataclass(frozen=True)
-class Share:
-    """A share of what noise does not explain, with its 95 % interval."""
-
-    estimate: float
-    low: float
-    high: float
+def percentile(estimate: float, draws: Float[np.ndarray, " draws"]) -> Interval:
+    """Return an estimate with the percentile interval of its draws."""
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return Interval(float(estimate), float(low), float(high))
 
 
 @dataclass(frozen=True)
@@ -212,7 +209,7 @@ class Channel:
     posture_id: Int[np.ndarray, " poses"]
     before_of: Float[np.ndarray, " poses"]
     after_of: Float[np.ndarray, " poses"]
-    explained: Share | None = None
+    explained: Interval | None = None
 
 
 def explained_share(
@@ -220,7 +217,7 @@ def explained_share(
     after: Float[np.ndarray, " groups"],
     noise: Float[np.ndarray, " groups"],
     count: Float[np.ndarray, " groups"],
-) -> Share | None:
+) -> Interval | None:
     """Return which share of the mismatch a patch explains on what was kept back.
 
     (before² - after²) / (before² - noise²), a percentile bootstrap over groups (Efron &
@@ -238,8 +235,8 @@ def explained_share(
     one = sums.sum(axis=1)
     if groups < 2 or np.quantile(mismatch, 0.025) <= 0.0 or one[0] <= one[2]:
         return None
-    low, high = np.quantile((again[0] - again[1]) / mismatch, [0.025, 0.975])
-    return Share(float((one[0] - one[1]) / (one[0] - one[2])), float(low), float(high))
+    share = (one[0] - one[1]) / (one[0] - one[2])
+    return percentile(share, (again[0] - again[1]) / mismatch)
 
 
 @dataclass(frozen=True)

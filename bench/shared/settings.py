@@ -1,9 +1,13 @@
-"""Thresholds of the answers: those that more than one file uses, each with its reason.
+"""Settings of the answers: thresholds with their reasons, and the form of intervals.
 
-They were set before any result was looked at, and stand in every answer.
+Thresholds were set before any result was looked at, and stand in every answer.
 """
 
 from dataclasses import dataclass
+
+from scipy.stats import norm
+
+# --- Thresholds -----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -45,3 +49,27 @@ class Settings:
 
 SETTINGS = Settings()
 """Of this version."""
+
+
+# --- Intervals ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate and the interval it lies in; without ends where no data hold it.
+
+    Attributes:
+        estimate: Of all rows; in SI where it is a physical quantity.
+        low: Lower end.
+        high: Upper end.
+    """
+
+    estimate: float
+    low: float
+    high: float
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a normal distribution with such an interval."""
+        width = 2.0 * float(norm.ppf((1.0 + SETTINGS.confidence) / 2.0))
+        return (self.high - self.low) / width

@@ -117,7 +117,6 @@ def answer_of(
     p_value = min(1.0, rejected, len(tests) * min(tests))
     something = p_value < ALPHA or proof.improves
     names = found.named if proof.improves else ()
-    low, high = MM * proof.gain[1], MM * proof.gain[2]
     entry = (
         None
         if proof.failed
@@ -127,7 +126,7 @@ def answer_of(
             before_rms_mm=MM * rms(proof.before),
             after_rms_mm=MM * rms(proof.after),
             noise_rms_mm=MM * last.noise,
-            gain_mm=Interval(MM * proof.gain[0], low, high),
+            gain_mm=interval_of(proof.gain, MM),
             **_of_turns(found, proof),
         )
     )
@@ -227,7 +226,7 @@ def _of_turns(found: Calibrated, proof: CalibrationProof) -> dict[str, Any]:
         "before_rms_mrad": MRAD * rms(turns.before),
         "after_rms_mrad": MRAD * rms(turns.after),
         "noise_rms_mrad": MRAD * last.noise,
-        "gain_mrad": Interval(*(MRAD * x for x in turns.gain)),
+        "gain_mrad": interval_of(turns.gain, MRAD),
     }
 
 
@@ -300,7 +299,7 @@ def _is_the_reports(found: Calibrated, key: Key) -> bool:
 
 def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
     """Return the error before and after, and the verdict, in one sentence."""
-    low, high = UM * proof.gain[1], UM * proof.gain[2]
+    low, high = UM * proof.gain.low, UM * proof.gain.high
     names = len(answer.named)
     before, after = UM * rms(proof.before), UM * rms(proof.after)
     falls = (

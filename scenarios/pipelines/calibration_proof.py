@@ -17,11 +17,16 @@ from scipy.spatial.transform import Rotation
 from bench.experiment import faulty
 from bench.instruments import Instruments
 from bench.patch import Patch, rig_of
-from bench.proof.explained_share import RESAMPLES, Share, explained_share, resampled
+from bench.proof.explained_share import (
+    RESAMPLES,
+    explained_share,
+    percentile,
+    resampled,
+)
 from bench.proof.setup import for_simulator, model_body, point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import SETTINGS, Interval
 from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
 from scenarios.pipelines.schema import label
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
@@ -60,10 +65,10 @@ class CalibrationProof:
     poses: int
     before: Float[np.ndarray, "rows 3"]
     after: Float[np.ndarray, "rows 3"]
-    gain: tuple[float, float, float]
+    gain: Interval
     p_value: float
     patch: Patch
-    explained: Share | None = None
+    explained: Interval | None = None
     failed: str = ""
     rotations: "TurnProof | None" = None
     improves: bool = False
@@ -81,7 +86,7 @@ class TurnProof:
 
     before: Float[np.ndarray, "rows 3"]
     after: Float[np.ndarray, "rows 3"]
-    gain: tuple[float, float, float]
+    gain: Interval
 
 
 def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationProof:
@@ -136,7 +141,7 @@ def _judged(
         turned = turned[0][seen], turned[1][seen]
         turns = TurnProof(*turned, _gain(*turned, region[seen])[0])
     if not patch.effects:
-        none = (0.0, 0.0, 0.0)
+        none = Interval(0.0, 0.0, 0.0)
         return CalibrationProof(
             poses, before, before, none, 1.0, patch, rotations=turns
         )
@@ -150,7 +155,7 @@ def _judged(
     share = explained_share(first, last, found.at_last.noise**2 * count, count)
     return CalibrationProof(
         poses, before, after, gain, p_value, patch, share,
-        rotations=turns, improves=of_both[1] > 0.0,
+        rotations=turns, improves=of_both.low > 0.0,
     )  # fmt: skip
 
 
@@ -235,12 +240,11 @@ def _pose_repeatability(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
     return short
 
 
-def _gain(before, after, region) -> tuple[tuple[float, float, float], float]:
+def _gain(before, after, region) -> tuple[Interval, float]:
     """Return gain in m, its interval and its p-value by a bootstrap over regions."""
     first, last = (np.sqrt(_resampled_mean_square(r, region)) for r in (before, after))
     gain = first - last
-    low, high = np.quantile(gain, [0.025, 0.975])
-    return (rms(before) - rms(after), float(low), float(high)), _p_value(gain <= 0.0)
+    return percentile(rms(before) - rms(after), gain), _p_value(gain <= 0.0)
 
 
 def _resampled_mean_square(

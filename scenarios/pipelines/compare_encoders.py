@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from scipy.stats import norm
 
 from bench.patch import Patch
-from bench.proof.explained_share import explained_share, resampled
+from bench.proof.explained_share import explained_share, percentile, resampled
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
@@ -382,9 +382,8 @@ def _gain(axes: Sequence[Axis]) -> Interval:
     """Return the gain in µrad and its interval by a bootstrap over blocks of time."""
     both, rows = _squares(axes)
     size = np.sqrt(resampled(both) / resampled(rows))
-    low, high = np.quantile(size[0] - size[1], [0.025, 0.975])
     gain = np.sqrt(both.sum(axis=1) / rows.sum()) @ [1.0, -1.0]
-    return Interval(URAD * float(gain), URAD * float(low), URAD * float(high))
+    return interval_of(percentile(gain, size[0] - size[1]), URAD)
 
 
 # --- The comparison -------------------------------------------------------------------

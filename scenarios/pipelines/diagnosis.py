@@ -26,6 +26,7 @@ from bench.shared.effect_catalogue import on_slide
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
+from bench.shared.settings import Interval as Estimated
 from scenarios.pipelines.patching import (
     left_neutral,
     patch_of_diagnosis,
@@ -73,7 +74,6 @@ from stiffness.diagnosis.result import (
     refused_with_size,
 )
 from stiffness.experiment.outliers import without_outliers
-from stiffness.regression.intervals import Interval as Estimated
 from stiffness.robot.arm import Arm
 from stiffness.setup.check import setup_errors
 

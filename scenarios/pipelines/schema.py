@@ -24,8 +24,8 @@ from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.result import Decision, Name, in_words, withheld
 
 if TYPE_CHECKING:
-    from bench.proof.explained_share import Channel, Share
-    from stiffness.regression.intervals import Interval as Estimated
+    from bench.proof.explained_share import Channel
+    from bench.shared.settings import Interval as Estimated
 
 # --- The form -------------------------------------------------------------------------
 
@@ -225,9 +225,10 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     scatter_rms_mm: Number = None
 
 
-def interval_of(known: Share | Estimated) -> Interval:
-    """Return an estimate with both ends as it is written."""
-    return Interval(known.estimate, known.low, known.high)
+def interval_of(known: Estimated, factor: float = 1.0) -> Interval:
+    """Return an estimate with both ends as it is written, in a unit of that factor."""
+    ends = (known.estimate, known.low, known.high)
+    return Interval(*(factor * end for end in ends))
 
 
 def proved_in(channel: Channel | None, factor: float, unit: str) -> dict[str, Any]:

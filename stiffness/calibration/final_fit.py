@@ -59,7 +59,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_solve
 from scipy.stats import t as student
 
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import SETTINGS, Interval
 from stiffness.calibration.columns import (
     SILENT,
     STATED,
@@ -71,7 +71,6 @@ from stiffness.calibration.columns import (
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.rigid_fit import RigidFit
 from stiffness.regression.empirical_bayes import Solved, VarianceComponents, learnt
-from stiffness.regression.intervals import Interval
 from stiffness.regression.normal_equations import Normal
 
 # --- Intervals ------------------------------------------------------------------------

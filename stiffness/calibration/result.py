@@ -52,6 +52,7 @@ from scipy.stats import t as student
 from threadpoolctl import threadpool_limits
 
 from bench.shared.recording import Recording
+from bench.shared.settings import Interval
 from stiffness.calibration.columns import (
     ORDERS,
     SILENT,
@@ -91,7 +92,6 @@ from stiffness.calibration.selection import (
     spatial_folds_of,
 )
 from stiffness.regression.empirical_bayes import learnt
-from stiffness.regression.intervals import Interval
 from stiffness.regression.normal_equations import total_of
 from stiffness.regression.testing import SIGNIFICANCE
 from stiffness.robot.arm import Arm

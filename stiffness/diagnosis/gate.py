@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE, INSTRUMENTS
+from bench.shared.settings import Interval
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -37,7 +38,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.intervals import FittedParameters, Interval
+from stiffness.regression.intervals import FittedParameters
 from stiffness.regression.normal_equations import (
     projection_coefficients,
     schur_complement,

@@ -22,7 +22,7 @@ from jaxtyping import Float, Int
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import SETTINGS, Interval
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
     ModelFit,
@@ -42,7 +42,6 @@ from stiffness.effects.jacobian import EffectJacobian, added
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import (
     FittedParameters,
-    Interval,
     jackknife_covariance,
     quotient_interval,
 )

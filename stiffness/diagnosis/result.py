@@ -15,9 +15,8 @@ from jaxtyping import Float
 
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import UnknownName, Warned
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import SETTINGS, Interval
 from stiffness.experiment.outliers import Outlier
-from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import Decision
 
 __all__ = [

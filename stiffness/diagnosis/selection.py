@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import SETTINGS, Interval
 from stiffness.diagnosis.gate import (
     PoseStatistics,
     drop_one_gains,
@@ -70,7 +70,6 @@ from stiffness.regression.group_selection import (
     GroupSelection,
     select_groups,
 )
-from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import Decision, Name, last_of_each
 from stiffness.regression.splits import Split
 

@@ -1,4 +1,4 @@
-"""Intervals: an estimate with its ends, and bootstrap over poses.
+"""Intervals of an estimate: bootstrap over poses, shares and quotients.
 
 An interval says where a number would fall if other poses had been measured.
 
@@ -23,31 +23,12 @@ from jaxtyping import Float, Int
 from scipy import stats
 
 from bench.shared.errors import BenchError
+from bench.shared.settings import SETTINGS, Interval
 
 # --- Intervals ------------------------------------------------------------------------
 
-LEVEL = 0.95
+LEVEL = SETTINGS.confidence
 """How often an interval covers."""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """An estimate and the interval it lies in; without ends where no data hold it.
-
-    Attributes:
-        estimate: Of all rows; in SI where it is a physical quantity.
-        low: Lower end.
-        high: Upper end.
-    """
-
-    estimate: float
-    low: float
-    high: float
-
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of a normal distribution with such an interval."""
-        return (self.high - self.low) / (2.0 * float(stats.norm.ppf((1 + LEVEL) / 2)))
 
 
 @dataclass(frozen=True)

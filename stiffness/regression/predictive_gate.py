@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import norm
 
-from stiffness.regression.intervals import Interval
+from bench.shared.settings import Interval
 from stiffness.regression.normal_equations import (
     projection_coefficients,
     schur_complement,

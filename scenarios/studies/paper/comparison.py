@@ -25,6 +25,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from bench.shared.settings import Interval
 from scenarios.report.page import Table, table_of
 from scenarios.studies.paper.budget import PLANS, Budget, said_seeds
 from scenarios.studies.paper.cells import Cell, CellResult
@@ -37,7 +38,7 @@ from scenarios.studies.paper.transfer import (
     SpringsCell,
 )
 from stiffness.methods.score import DIRECTIONS, METRICS, me
-from stiffness.regression.intervals import Interval, Statistic
+from stiffness.regression.intervals import Statistic
 
 # --- Errors over seeds and poses ------------------------------------------------------
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.shared.settings import Interval
 from scenarios.report.page import Block, Heading, Paragraph
 from scenarios.studies.paper import TABLE_06_MM, TABLE_07_MM
 from scenarios.studies.paper.budget import Budget, said_seeds
@@ -18,7 +19,6 @@ from scenarios.studies.paper.imitation import (
 )
 from scenarios.studies.paper.linear_fit import LinearFit
 from scenarios.studies.paper.transfer import ConvolutionCell, PerceptronCell
-from stiffness.regression.intervals import Interval
 
 # --- Transfer -------------------------------------------------------------------------
 

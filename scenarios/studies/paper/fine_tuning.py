@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure as Picture
 
+from bench.shared.settings import Interval
 from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper import TABLE_09_MM
@@ -16,7 +17,6 @@ from scenarios.studies.paper.comparison import MEASURES, overall, perceptrons, p
 from scenarios.studies.paper.transfer import ALL_LAYERS, UNFREEZINGS, unfrozen
 from stiffness.methods.score import DIRECTIONS
 from stiffness.networks.transfer import FineTuning, hold_back
-from stiffness.regression.intervals import Interval
 
 # --- Table 8 and Fig. 6: layers -------------------------------------------------------
 

@@ -14,7 +14,7 @@ import pytest
 
 from bench import patch
 from bench.patch import PatchEffect, effect_of
-from bench.proof.explained_share import Channel, Share
+from bench.proof.explained_share import Channel
 from bench.shared.format import folder
 from scenarios import record
 from scenarios.pipelines import diagnosis as steps
@@ -520,7 +520,7 @@ def test_what_neither_patch_nor_an_open_place_accounts_for_is_said(
     found, high, open_, said
 ):
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
-    share = Share(0.9, 0.87, high)
+    share = Interval(0.9, 0.87, high)
     channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses, share)
     simulated: Any = SimpleNamespace(markers=channel, absolute=True, folds=1)
     place = UnexplainedPlace("a2", 1e-4, open_, ("load",))

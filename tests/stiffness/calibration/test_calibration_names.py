@@ -11,6 +11,7 @@ from bench.effects.reading_lag import ReadingLag
 from bench.patch import PatchEffect
 from bench.rig import Rig
 from bench.shared.recording import DrawingAccuracy, Marker, Recording
+from bench.shared.settings import Interval
 from scenarios.pipelines.calibration import calibrate_and_prove, not_seen_text
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
@@ -26,7 +27,6 @@ from stiffness.calibration.result import (
 from stiffness.calibration.rigid_fit import fitted, not_seen
 from stiffness.calibration.selection import spatial_folds_of
 from stiffness.experiment.visits import commanded_lags
-from stiffness.regression.intervals import Interval
 
 LINKS = (
     ("link_1", {"x_m": 3e-4, "rx_rad": -6e-4}),

@@ -20,6 +20,7 @@ from bench.experiment import record
 from bench.instruments import Instruments
 from bench.rig import Rig
 from bench.shared.errors import Unusable
+from bench.shared.settings import Interval
 from bench.standard_plans import table_one_plan
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import answer_of
@@ -40,7 +41,6 @@ from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.reading_lag import ReadingLag
 from stiffness.effects.tracker_scale import TrackerScale
-from stiffness.regression.intervals import Interval
 from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
 
 CALM = Scatter(1.0, 0.01, 0.0, MISSTATED)

@@ -17,6 +17,7 @@ from bench.instruments.markers import Markers
 from bench.model_file import load, plain_mjcf
 from bench.rig import Rig
 from bench.shared.recording import ASSUMED, Marker, Recording, TrackerSpec
+from bench.shared.settings import Interval
 from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
@@ -45,7 +46,7 @@ from stiffness.experiment.sensor_noise import (
     left_of_encoders,
     with_measured_noise,
 )
-from stiffness.regression.intervals import FittedParameters, Interval
+from stiffness.regression.intervals import FittedParameters
 from stiffness.robot.arm import Arm
 
 FEW = (Hysteresis(), EncoderOffset())

@@ -12,6 +12,7 @@ from source import docstring, python_files, text
 from bench.effects import EFFECTS
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
+from bench.shared.settings import Interval
 from stiffness.diagnosis.gate import may_be_nothing
 from stiffness.diagnosis.localisation import zone_of
 from stiffness.diagnosis.model_fit import ModelTerm
@@ -28,7 +29,6 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.link_bending import LinkBending
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.intervals import Interval
 from stiffness.robot.tracker_frame import TrackerFit
 
 SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")

@@ -5,13 +5,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from bench.shared.errors import BenchError, Unusable
+from bench.shared.settings import Interval
 from stiffness.methods.score import METRICS, mae, me, scores, stde_absolute, stde_signed
-from stiffness.regression.intervals import (
-    Interval,
-    bootstrap,
-    quotient_interval,
-    share,
-)
+from stiffness.regression.intervals import bootstrap, quotient_interval, share
 
 ERROR = np.array([0.1, -0.3, 0.2, -0.1, 0.6])
 ONCE = np.ones(5)
