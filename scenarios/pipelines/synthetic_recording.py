@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from tempfile import mkstemp
 from typing import Literal
 
 import msgspec
@@ -24,6 +23,7 @@ from bench.kinematic_chain import axes_to
 from bench.model_file import load
 from bench.payload import payload_of, usual_path
 from bench.rig import RIGID, Memory, Rig
+from bench.shared import replaced_whole
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import Unusable, collect, refuse
 from bench.shared.plan import DEFAULT_PATH, HOLD, LoadStep, Plan
@@ -266,22 +266,16 @@ def written_with_truth(
     if truth_file is None:
         write()
         return
-    waiting = None
     try:
         truth_file.parent.mkdir(parents=True, exist_ok=True)
         if truth_file.is_dir():
             raise IsADirectoryError(f"{str(truth_file)!r} is a folder")
-        handle, waiting = mkstemp(prefix=".truth-", dir=truth_file.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(truth)
-        write()
-        os.replace(waiting, truth_file)
+        with replaced_whole(truth_file) as waiting:
+            waiting.write_text(truth, encoding="utf-8")
+            write()
     except OSError as error:
         fault = f"it cannot be written: {error}."
         raise Unusable(f"Truth file {str(truth_file)!r}", [fault]) from error
-    finally:
-        if waiting is not None:
-            Path(waiting).unlink(missing_ok=True)
 
 
 def _entry(effect: Effect) -> dict[str, object]:

@@ -18,19 +18,18 @@ mini-batch. Everything follows from the seed and the number of the step, so that
 training that was interrupted resumes to the same weights.
 """
 
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import cos, pi
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float
 
+from bench.shared import replaced_whole
 from bench.shared.errors import Unusable, refuse
 from stiffness.networks.model import load, one_thread, weights_of
 
@@ -128,14 +127,8 @@ def write_progress(file: Path, key: str, progress: Progress) -> None:
     arrays |= {MOMENTS + name: value for name, value in progress.moments.items()}
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=file.parent, suffix=".npz", delete=False) as beside:
-            try:
-                np.savez(beside, **arrays)  # pyright: ignore[reportArgumentType]
-                beside.close()
-                os.replace(beside.name, file)
-            except BaseException:
-                Path(beside.name).unlink(missing_ok=True)
-                raise
+        with replaced_whole(file) as beside, beside.open("wb") as data:
+            np.savez(data, **arrays)  # pyright: ignore[reportArgumentType]
     except OSError as error:
         fault = f"it cannot be written: {error}."
         raise Unusable(f"Training {str(file)!r}", [fault]) from error

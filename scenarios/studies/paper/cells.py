@@ -8,13 +8,12 @@ Workers return arrays; this process writes them. `swept` does the same under a p
 bar.
 """
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryDirectory
+from tempfile import TemporaryDirectory
 from typing import Any
 from zipfile import BadZipFile
 
@@ -22,6 +21,7 @@ import numpy as np
 import torch
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from bench.shared import replaced_whole
 from scenarios.report.command_line import progress_bar
 from scenarios.studies.paper.experiment import Material
 from scenarios.studies.sweep import Task, run
@@ -128,14 +128,8 @@ def _worked(sent: tuple[Cell, str], shared: _Shared) -> CellResult:
 
 def _keep(file: Path, result: CellResult) -> None:
     """Write a finished cell, whole or not at all."""
-    with NamedTemporaryFile(dir=file.parent, suffix=".partial", delete=False) as beside:
-        try:
-            np.savez(beside, **result)  # pyright: ignore[reportArgumentType]
-            beside.close()
-            os.replace(beside.name, file)
-        except BaseException:
-            Path(beside.name).unlink(missing_ok=True)
-            raise
+    with replaced_whole(file) as beside, beside.open("wb") as data:
+        np.savez(data, **result)  # pyright: ignore[reportArgumentType]
 
 
 def _kept(file: Path) -> CellResult | None:

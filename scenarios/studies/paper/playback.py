@@ -5,7 +5,6 @@ errors. The poses with the largest errors stand side by side, worst first, on a 
 of their own; each network's training is a curve over its steps.
 """
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
@@ -18,6 +17,7 @@ from jaxtyping import Float, Int
 
 from bench import viewer
 from bench.cell import HOOK_SITE, MOUNT
+from bench.shared import replaced_whole
 from bench.viewer import Scene, magnify
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import Contender
@@ -280,10 +280,8 @@ def save(
     file: Path, seed: int, experiment: Experiment, found: LinearFit, learnt: Learnt
 ) -> None:
     """Write a playback whole, or keep the earlier file; content as in `show`."""
-    beside = file.with_suffix(".partial")
-    recording = opened(seed, beside)
-    show(recording, experiment, found, learnt)
-    os.replace(beside, file)
+    with replaced_whole(file) as beside:
+        show(opened(seed, beside), experiment, found, learnt)
 
 
 def show(
