@@ -1,4 +1,4 @@
-"""Settings of the answers: thresholds with their reasons, and the form of intervals.
+"""Settings of the answers: thresholds with their reasons, intervals, units.
 
 Thresholds were set before any result was looked at, and stand in every answer.
 """
@@ -73,3 +73,13 @@ class Interval:
         """Standard deviation of a normal distribution with such an interval."""
         width = 2.0 * float(norm.ppf((1.0 + SETTINGS.confidence) / 2.0))
         return (self.high - self.low) / width
+
+
+# --- Units in which people read -------------------------------------------------------
+
+MM, UM = 1e3, 1e6
+"""Number per m."""
+MRAD, URAD = 1e3, 1e6
+"""Number per rad."""
+MICRO = 1e6
+"""Number per m or rad, where an axis may slide or turn."""

@@ -27,7 +27,7 @@ from bench.proof.setup import why_not_simulated
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import MM, MRAD, SETTINGS, UM
 from scenarios.pipelines.calibration_proof import (
     ALPHA,
     CalibrationProof,
@@ -87,7 +87,6 @@ from stiffness.robot.arm import Arm
 
 # --- The entry in schema 1 ------------------------------------------------------------
 
-MM, UM, MRAD = 1e3, 1e6, 1e3
 LIKE = {"hysteresis": ("lost_motion",), "reading_lag": ("hysteresis", "lost_motion")}
 """Effects that cannot be told apart at rest: all depend on the side of approach, and
 moves between the poses are not known. Commanded angles may tell a lag."""

@@ -18,7 +18,7 @@ from bench.patch import Patch
 from bench.proof.explained_share import explained_share, percentile, resampled
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import SETTINGS, URAD
 from scenarios.pipelines.encoder_axes import Axis, heldout_comparison, whole_rms
 from scenarios.pipelines.patching import patch_of_encoders
 from scenarios.pipelines.schema import (
@@ -156,8 +156,6 @@ def _z(trial: SelectionStep) -> float:
 
 
 # --- What no name explains ------------------------------------------------------------
-
-URAD = 1e6
 
 
 def unexplained(axes: Sequence[Axis]) -> Left:

@@ -25,7 +25,7 @@ from bench.proof.proof import Fold, Proof, prove
 from bench.shared.effect_catalogue import on_slide
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import MM, MRAD, SETTINGS, UM, URAD
 from bench.shared.settings import Interval as Estimated
 from scenarios.pipelines.patching import (
     left_neutral,
@@ -235,7 +235,6 @@ def try_calibration(
 
 # --- The entry in schema 1 ------------------------------------------------------------
 
-MM, MRAD, URAD, UM = 1e3, 1e3, 1e6, 1e6
 USUAL_M, HEAVIEST_KG = 0.1, 100.0
 """How far from its body's origin an added mass sits usually, and how heavy it is at
 most; chosen: wider than any arm's."""
@@ -459,8 +458,6 @@ def _at(name: Name) -> At:
 
 
 # --- The finding with its proof -------------------------------------------------------
-
-MICRO = 1e6
 
 
 @dataclass(frozen=True)

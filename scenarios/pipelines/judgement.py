@@ -40,7 +40,7 @@ from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import Unusable, refuse
 from bench.shared.recording import Recording, targets_of
-from bench.shared.settings import SETTINGS
+from bench.shared.settings import MM, MRAD, SETTINGS
 from scenarios.pipelines.patching import FROM_SIDES, NEAR, digests_of
 from scenarios.pipelines.recording_check import SMALL_TORQUE, static_torque
 from scenarios.pipelines.schema import At, Proved, proved_in
@@ -512,8 +512,6 @@ def _laws_at(patch: Patch, where: str) -> dict[tuple[str, str], str]:
 
 
 # --- The entries of proof.json --------------------------------------------------------
-
-MM, MRAD = 1e3, 1e3
 
 
 def _entry(channels: tuple[Channel | None, Channel | None], poses: int) -> Proved:

@@ -33,7 +33,7 @@ from bench.meshes import shapes
 from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.shared.effect_catalogue import CATALOGUE
-from scenarios.pipelines.diagnosis import MICRO
+from bench.shared.settings import MICRO
 from scenarios.pipelines.schema import Answer, At, Open
 from scenarios.report.figures import BLUE, GREEN, GREY, HEAT, ORANGE, RED, save
 

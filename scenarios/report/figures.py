@@ -27,7 +27,8 @@ from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.proof.proof_checks import squares
 from bench.shared.models import axis_unit
-from scenarios.pipelines.diagnosis import MICRO, Curves, courses_of
+from bench.shared.settings import MICRO, MM, URAD
+from scenarios.pipelines.diagnosis import Curves, courses_of
 from scenarios.pipelines.patching import NEAR
 
 if TYPE_CHECKING:
@@ -311,7 +312,6 @@ def _over_angle(axes: Axes, curves: Curves, k: int) -> None:
 
 # --- A calibration --------------------------------------------------------------------
 
-MM = 1e3
 NAMES = ("as drawn", "as calibrated")
 
 
@@ -490,8 +490,6 @@ def _root(error: np.ndarray) -> float:
 
 
 # --- A comparison of encoders ---------------------------------------------------------
-
-URAD = 1e6
 
 
 def encoders_before_after(axes: Sequence[Axis], file: Path | None = None) -> Figure:

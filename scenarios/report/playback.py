@@ -27,6 +27,7 @@ from bench.meshes import shapes
 from bench.proof.comparison import residual_of
 from bench.proof.proof import Proof
 from bench.proof.simulation import NominalState
+from bench.shared.settings import MICRO, MM, URAD
 from bench.viewer import (
     Colour,
     arm_view,
@@ -38,7 +39,7 @@ from bench.viewer import (
     side_by_side,
     write,
 )
-from scenarios.pipelines.diagnosis import MICRO, Curves, Result, courses_of, curves_of
+from scenarios.pipelines.diagnosis import Curves, Result, courses_of, curves_of
 from scenarios.report import error_budget, summary
 from scenarios.report.error_budget import MANY, ErrorBudget, budget_of, percent
 
@@ -395,8 +396,6 @@ def _round(value: float) -> float:
 
 # --- A calibration --------------------------------------------------------------------
 
-MM = 1e3
-
 
 def show_calibration(
     found: Calibrated, proof: CalibrationProof, words: str, file: Path | None
@@ -444,7 +443,6 @@ def show_calibration(
 
 PLAYBACK = "diagnosis.rrd"
 TIME = "time"
-URAD = 1e6
 
 
 def show_comparison(axes: Sequence[Axis], file: Path | None) -> None:

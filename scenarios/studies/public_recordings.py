@@ -39,6 +39,7 @@ from scipy.stats import t as student
 from bench.shared.errors import Unusable, refuse
 from bench.shared.format.assembly import load_times_of
 from bench.shared.recording import UNLOADED, Marker, Recording, TrackerSpec
+from bench.shared.settings import MM
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
@@ -238,7 +239,6 @@ def summary(error: Float[np.ndarray, "rows 3"]) -> dict[str, float]:
 # --- Repeated held-out regions --------------------------------------------------------
 
 Row = dict[str, object]
-MM = 1e3
 
 
 def rows(

@@ -28,7 +28,7 @@ from stiffness.calibration.model import (
     entries_of,
 )
 from stiffness.experiment.outliers import FEW, RARE, far_off
-from stiffness.robot.tracker_frame import kabsch
+from stiffness.robot.tracker_frame import MARKER_POSITION_SIGMA, kabsch
 
 LEAST = 1e-3
 """Minimum rms of a column's orthogonal component, in m per rad (m per m), and as a
@@ -171,11 +171,6 @@ def _mounts(
     return mounts
 
 
-PLACED = 1e-3
-"""One sigma of a stated position of a target, in m; chosen: what counts as nominal in
-a diagnosis too."""
-
-
 def prior_sizes(readings: Readings) -> Float[np.ndarray, " silent"]:
     """Return one sigma of geometry, frame and target positions before the readings.
 
@@ -187,7 +182,7 @@ def prior_sizes(readings: Readings) -> Float[np.ndarray, " silent"]:
     of_kind |= dict.fromkeys(NAMES[:3], drawing.length)
     of_kind |= dict.fromkeys(NAMES[3:], drawing.angle)
     sizes = [of_kind[e.parameter] for e in entries_of(readings.arm.chain)]
-    places = np.where(np.repeat(readings.placed, 3), PLACED, np.inf)
+    places = np.where(np.repeat(readings.placed, 3), MARKER_POSITION_SIGMA, np.inf)
     mounts = np.full(_mount_count(readings), np.inf)
     return np.concatenate([sizes, np.full(6, np.inf), places, mounts])
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import UnknownName, Warned
-from bench.shared.settings import SETTINGS, Interval
+from bench.shared.settings import MICRO, SETTINGS, Interval
 from stiffness.experiment.outliers import Outlier
 from stiffness.regression.predictive_gate import Decision
 
@@ -352,7 +352,6 @@ class Diagnosis:
 
 # --- The story ------------------------------------------------------------------------
 
-MICRO = 1e6
 MOST_SHOWN = 3
 """Names of which the story gives the parameters, and places that it lists."""
 

@@ -8,9 +8,10 @@ from matplotlib.figure import Figure as Picture
 
 from bench.patch import FILE, rig_of, text_of, with_arm
 from bench.shared.errors import BenchError
+from bench.shared.settings import UM
 from scenarios.pipelines import calibration
 from scenarios.pipelines import schema as form
-from scenarios.pipelines.calibration import GONE, UM, CalibrationOutcome
+from scenarios.pipelines.calibration import GONE, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import Answer, label, parameters_text, size

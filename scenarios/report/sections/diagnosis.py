@@ -12,8 +12,9 @@ from matplotlib.figure import Figure as Picture
 from bench.proof.proof_checks import ProofCheck
 from bench.shared.effect_catalogue import CATALOGUE, usual
 from bench.shared.errors import BenchError, UnknownName
+from bench.shared.settings import MICRO
 from scenarios.pipelines import schema
-from scenarios.pipelines.diagnosis import MICRO, Curves, Result, channel_of, curves_of
+from scenarios.pipelines.diagnosis import Curves, Result, channel_of, curves_of
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import chance, label, parameters_text, size, span
 from scenarios.report import data_files, error_budget, figures, page, playback, summary

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from bench.shared.errors import BenchError, UnknownName
+from bench.shared.settings import URAD
 from scenarios.pipelines import schema as form
 from scenarios.pipelines.compare_encoders import ComparisonOutcome
 from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
@@ -22,8 +23,6 @@ from stiffness.dual_encoder.selection import BORROWED
 from stiffness.dual_encoder.terms import FRICTION
 
 # --- Rejected terms -------------------------------------------------------------------
-
-URAD = 1e6
 
 
 def rejected_terms(axes: Sequence[Axis]) -> list[Block]:

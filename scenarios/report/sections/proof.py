@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.proof.explained_share import Channel
+from bench.shared.settings import MM, UM
 from scenarios.pipelines.judgement import FAR, FILE, Judgement, text_of
 from scenarios.pipelines.schema import said_of_turns
 from scenarios.report import figures, page
@@ -15,7 +16,6 @@ from stiffness.experiment.outliers import Outlier, outlier_text
 
 # --- The result in words --------------------------------------------------------------
 
-MM, UM = 1e3, 1e6
 MOST_LISTED = 20
 UNKNOWN = "not known"
 MOST_BEYOND = 3

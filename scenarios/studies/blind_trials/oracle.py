@@ -39,6 +39,7 @@ from bench.proof.proof import prove
 from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
+from bench.shared.settings import MM
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.studies.blind_trials.effects import OutOfReach, as_large_as
 from scenarios.studies.blind_trials.linear_model import (
@@ -387,8 +388,6 @@ def as_strange_as(
 
 
 # --- Gain of knowing the truth --------------------------------------------------------
-
-MM = 1e3
 
 
 def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
