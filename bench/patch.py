@@ -34,6 +34,7 @@ from bench.model_file import plain_mjcf
 from bench.rig import RIGID, Memory, Rig
 from bench.shared.effect_catalogue import is_stiffness, limit, on_slide
 from bench.shared.errors import BenchError, UnknownName, Unusable, refuse
+from bench.shared.format import json_text
 from bench.shared.recording import Payload
 
 # --- Effects by name ------------------------------------------------------------------
@@ -369,7 +370,7 @@ def with_arm(patch: Patch, rig: Rig) -> Patch:
 
 def text_of(patch: Patch) -> str:
     """Return patch.json; numbers read back to the last bit."""
-    return msgspec.json.format(msgspec.json.encode(patch), indent=1).decode() + "\n"
+    return json_text(patch, indent=1)
 
 
 def read(file: Path) -> Patch:

@@ -540,8 +540,3 @@ def _far(
         )
         for row, m in rows
     )
-
-
-def text_of(answer: ProofFile) -> str:
-    """Return a judgement as the text of proof.json."""
-    return msgspec.json.format(msgspec.json.encode(answer), indent=2).decode() + "\n"

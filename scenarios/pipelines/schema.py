@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import UnknownName
+from bench.shared.format import json_text
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.result import Decision, Name, in_words, withheld
 
@@ -343,7 +344,7 @@ def _explains_enough(share: Interval | None) -> bool:
 
 def text_of(answer: Answer) -> str:
     """Return an answer as the text of diagnosis.json."""
-    return msgspec.json.format(msgspec.json.encode(answer), indent=2).decode() + "\n"
+    return json_text(answer)
 
 
 def number(value: float, unit: float = 1.0) -> Number:

@@ -26,6 +26,7 @@ from bench.rig import RIGID, Memory, Rig
 from bench.shared import replaced_whole
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import Unusable, collect, refuse
+from bench.shared.format import json_text
 from bench.shared.plan import DEFAULT_PATH, HOLD, LoadStep, Plan
 from bench.standard_plans import is_kr10, tour
 from bench.study_arm import default_truth
@@ -227,7 +228,7 @@ def truth_text(
         },
         "instruments": msgspec.to_builtins(instruments),
     }
-    return msgspec.json.format(msgspec.json.encode(truth), indent=2).decode() + "\n"
+    return json_text(truth)
 
 
 def folder_beside(out: Path | None, truth_file: Path | None) -> Path:

@@ -8,7 +8,6 @@ numbers, quaternions too (`quaternion_of`). The truth has no column.
 
 import csv
 import io
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
+from bench.shared.format import toml_text
 from bench.shared.format.columns import (
     COORDINATES,
     DEGREE,
@@ -450,7 +450,7 @@ def _sections(r: Recording) -> dict[str, Section]:
             "displacement": r.displacement,
         },
         "robot": {"name": robot, "axes": r.axes or None} if named else None,
-        "robot.bodies": {_value(k): v for k, v in r.bodies.items()} or None,
+        "robot.bodies": {toml_text(k): v for k, v in r.bodies.items()} or None,
         **_sensors(r),
         "tool": r.tool
         and {"mass_kg": float(r.tool.mass), "com_mm": MILLIMETRE.outward(r.tool.com)},
@@ -470,7 +470,7 @@ def _sections(r: Recording) -> dict[str, Section]:
     for m in r.markers:
         place = None if m.position is None else MILLIMETRE.outward(m.position)
         entries = {"body": m.body, "position_mm": place, "target": m.target}
-        every[f"markers.{_value(m.name)}"] = entries
+        every[f"markers.{toml_text(m.name)}"] = entries
     return {name: entries for name, entries in every.items() if entries is not None}
 
 
@@ -506,9 +506,9 @@ def _lines(name: str, entries: Section) -> list[str]:
 
 
 def _value(value: object) -> str:
-    """Write a value in TOML: texts as in JSON, with one more character escaped."""
+    """Write a value in TOML."""
     if isinstance(value, str | bool):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return toml_text(value)
     if isinstance(value, np.ndarray | np.generic):
         value = value.astype(float).tolist()
     if isinstance(value, list | tuple):

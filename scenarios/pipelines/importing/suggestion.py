@@ -5,13 +5,13 @@ left for the user to fill in, and columns that nobody understood are listed.
 """
 
 import csv
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.shared.errors import Unusable
+from bench.shared.format import toml_text
 from bench.shared.format.cells import MISSING
 from bench.shared.format.columns import COORDINATES, UNITS, WRENCH, column_of
 from bench.shared.format.table import FIRST_LINES, SEPARATORS
@@ -287,7 +287,7 @@ def _remark(sheet: Sheet, name: str, known: Sequence[str]) -> str:
     if not unit or not known or _spelt(unit, known):
         return ""
     return (
-        f"  # {_quoted(unit)} is none of {', '.join(known)}: if it is a unit, a factor"
+        f"  # {toml_text(unit)} is none of {', '.join(known)}: if it is a unit, a factor"
     )
 
 
@@ -337,19 +337,19 @@ def _lines(
     sheet: Sheet, guess: Guess, path: Path, bodies: Sequence[str]
 ) -> Iterator[str]:
     columns = guess.columns
-    yield f"# Suggested from the names and units in {_quoted(path.name)}: correct it."
+    yield f"# Suggested from the names and units in {toml_text(path.name)}: correct it."
     yield "format = 1"
-    yield f"name = {_quoted(path.stem)}"
+    yield f"name = {toml_text(path.stem)}"
     yield 'rows = "plateaus"  # each line is a reading at rest; or "stream"'
     if "pose" not in columns:
         yield "number_rows = true  # each row is a pose of its own: is it so?"
     if "time_s" not in columns:
         yield "interval_s = 20  # nothing tells the time: one row every N s"
     yield "# pulled = true  # each row is a deflection from the unloaded arm"
-    yield from ["", "[csv]", f"separator = {_quoted(sheet.separator)}"]
-    yield f"decimal = {_quoted(sheet.decimal)}"
+    yield from ["", "[csv]", f"separator = {toml_text(sheet.separator)}"]
+    yield f"decimal = {toml_text(sheet.decimal)}"
     if sheet.encoding != "utf-8":
-        yield f"encoding = {_quoted(sheet.encoding)}"
+        yield f"encoding = {toml_text(sheet.encoding)}"
     if sheet.skip_rows:
         said = list(sheet.skip_rows)
         yield f"skip_rows = {said if said != [2] else 1}"
@@ -357,24 +357,24 @@ def _lines(
         yield "skip_incomplete = true  # some rows have blanks; they are counted"
     yield from ["", "[columns]"]
     for said, (source, unit) in columns.items():
-        entry = _quoted(source)
+        entry = toml_text(source)
         if unit:
-            entry = f"{{ from = {entry}, unit = {_quoted(unit)} }}"
+            entry = f"{{ from = {entry}, unit = {toml_text(unit)} }}"
         plain = re.fullmatch(r"[A-Za-z0-9_-]+", said)
         if said == WRENCH[0]:
             yield "# what the world exerts on the robot: pulled along +x, fx_n is above"
             yield "# 0; of the other sign: factor = -1.0 beside unit, in all six"
         remark = _remark(sheet, source, _units_of(said, guess.markers))
-        yield f"{said if plain else _quoted(said)} = {entry}{remark}"
+        yield f"{said if plain else toml_text(said)} = {entry}{remark}"
     for said, (terms, unit) in guess.sums.items():
-        sources = ", ".join(map(_quoted, terms))
-        own = f", unit = {_quoted(unit)}" if unit else ""
+        sources = ", ".join(map(toml_text, terms))
+        own = f", unit = {toml_text(unit)}" if unit else ""
         entry = f"{{ from = [{sources}], sum = {list(terms.values())}{own} }}"
         yield f"{said} = {entry}  # by its name: is it so?"
     if not any(said in columns for said in ("a1_deg", "a1_mm")):
         yield '# a1_deg = "?"  # which columns are the axes\' angles?'
     if guess.unknown:
-        yield f"# not understood: {', '.join(map(_quoted, guess.unknown))}"
+        yield f"# not understood: {', '.join(map(toml_text, guess.unknown))}"
     yield from _sensors(guess, bodies)
 
 
@@ -398,10 +398,10 @@ def _sensors(guess: Guess, bodies: Sequence[str]) -> Iterator[str]:
     if bodies and not all(_body_of(marker, bodies) for marker in guess.markers):
         yield from ["", f"# this robot's bodies: {', '.join(bodies)}"]
     for marker in guess.markers:
-        yield from ["", f"[markers.{_quoted(marker)}]"]
+        yield from ["", f"[markers.{toml_text(marker)}]"]
         body = _body_of(marker, bodies)
         if body:
-            yield f"body = {_quoted(body)}  # by the marker's name: is it so?"
+            yield f"body = {toml_text(body)}  # by the marker's name: is it so?"
         else:
             yield '# body = "?"  # which body is it stuck to? no import without'
 
@@ -433,7 +433,3 @@ def _incomplete(sheet: Sheet, columns: Mapping[str, tuple[str, str | None]]) -> 
     }
     cells = (row[k].casefold() for row in sheet.rows for k in required)
     return any(cell in MISSING for cell in cells)
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.proof.explained_share import Channel
+from bench.shared.format import json_text
 from bench.shared.settings import MM, UM
-from scenarios.pipelines.judgement import FAR, FILE, Judgement, text_of
+from scenarios.pipelines.judgement import FAR, FILE, Judgement
 from scenarios.pipelines.schema import said_of_turns
 from scenarios.report import figures, page
 from scenarios.report.data_files import write_folder
@@ -226,6 +227,6 @@ def write_judgement(folder: Path, judgement: Judgement) -> None:
         page.write(
             waiting, title, first_sentence(judgement), list(blocks_of(judgement))
         )
-        (waiting / FILE).write_text(text_of(judgement.answer), encoding="utf-8")
+        (waiting / FILE).write_text(json_text(judgement.answer), encoding="utf-8")
 
     write_folder(folder, make)
