@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 from scenarios.report.command_line import at_least, progress_bar, run
 
 if TYPE_CHECKING:
-    from scenarios.studies.damage import CalibrationResult, Damage
+    from scenarios.studies.damage import Damage, DamageOutcome
 
 OTHER = Path(__file__).parents[1] / "mjcf" / "ur10" / "ur10.xml"
 
@@ -41,7 +41,7 @@ class Settings:
     """Postures of the good recording."""
 
 
-def main(settings: Settings) -> Sequence[CalibrationResult]:
+def main(settings: Settings) -> Sequence[DamageOutcome]:
     """Damage, diagnose, count."""
     from rich.console import Console
     from rich.markup import escape
@@ -77,14 +77,14 @@ def main(settings: Settings) -> Sequence[CalibrationResult]:
     return outcomes
 
 
-def outcome_of(damage: Damage, folder: Path) -> CalibrationResult:
+def outcome_of(damage: Damage, folder: Path) -> DamageOutcome:
     """Write a damaged recording and diagnose it."""
     from rich.console import Console
 
     from bench.shared.errors import BenchError
     from scenarios.pipelines import synthetic_recording
     from scenarios.report.route import diagnose_to_folder
-    from scenarios.studies.damage import MISTAKES, CalibrationResult
+    from scenarios.studies.damage import MISTAKES, DamageOutcome
 
     recording, out = folder / "recording", folder / "answer"
     recording.mkdir(parents=True)
@@ -94,17 +94,15 @@ def outcome_of(damage: Damage, folder: Path) -> CalibrationResult:
         told = diagnose_to_folder(recording, robot, out, Console(quiet=True))
     except BenchError as error:
         whole = not out.exists()
-        return CalibrationResult(
-            damage, "refused" if whole else "half written", str(error)
-        )
+        return DamageOutcome(damage, "refused" if whole else "half written", str(error))
     except Exception as error:
-        return CalibrationResult(damage, "crashed", f"{type(error).__name__}: {error}")
+        return DamageOutcome(damage, "crashed", f"{type(error).__name__}: {error}")
     mistakes = [w for w in told.warnings if w.code in MISTAKES]
     if mistakes and not told.named:
         what = "warned" if damage.recognised(mistakes) else "misnamed"
-        return CalibrationResult(damage, what, ", ".join(w.code for w in mistakes))
+        return DamageOutcome(damage, what, ", ".join(w.code for w in mistakes))
     names = ", ".join(map(str, told.named))
-    return CalibrationResult(damage, "diagnosed", f"{told.verdict}: {names}")
+    return DamageOutcome(damage, "diagnosed", f"{told.verdict}: {names}")
 
 
 if __name__ == "__main__":

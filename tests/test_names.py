@@ -83,7 +83,7 @@ GLOSSARY = {
     "steady": "average_encoders",
     "steadied": "average_encoders",
     "shapes_kept": "rigid_body_noise",
-    "misfit": "chi_square_summary",
+    "misfit": "rms_summary",
     "other_readings": "setup_alternatives",
     "other_sights": "setup_alternatives",
     "other_columns": "setup_alternatives",

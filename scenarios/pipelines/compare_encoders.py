@@ -39,7 +39,12 @@ from scenarios.pipelines.schema import (
     why_not,
 )
 from stiffness.diagnosis.result import Decision
-from stiffness.dual_encoder.fit import SHOWS, SelectionStep, followed, lasting
+from stiffness.dual_encoder.fit import (
+    SHOWS,
+    SelectionStep,
+    correlation_time,
+    explained_share_by,
+)
 from stiffness.dual_encoder.motions import axes_read_twice
 from stiffness.dual_encoder.selection import BORROWED, orders_alike
 from stiffness.dual_encoder.terms import FRICTION, WIDTHS, WOUND, Term
@@ -81,10 +86,10 @@ def max_significance(axis: Axis) -> float:
 def contradicts(axis: Axis) -> bool:
     """Return whether the recording contradicts the model's spring by over a decade."""
     return (
-        axis.model_give > 0.0
-        and axis.give is not None
+        axis.model_compliance > 0.0
+        and axis.compliance is not None
         and not axis.is_nominal_spring
-        and axis.beyond_before < ALPHA
+        and axis.p_value_before < ALPHA
     )
 
 
@@ -105,11 +110,11 @@ def _spring(axis: Axis) -> Iterator[Called]:
         if not axis.is_nominal_spring:
             known = {term.parameters[0]: _interval(float(x[0]), float(half[0]))}
             yield _name(WOUND, axis, trial, known)
-    if not wound and contradicts(axis) and axis.give is not None:
-        give, half = axis.give
-        sure = min(1.0 - axis.beyond_before, SUREST)
-        high = max(give + half, 0.0)
-        known = Interval(max(give, 0.0), max(give - half, 0.0), high)
+    if not wound and contradicts(axis) and axis.compliance is not None:
+        compliance, half = axis.compliance
+        sure = min(1.0 - axis.p_value_before, SUREST)
+        high = max(compliance + half, 0.0)
+        known = Interval(max(compliance, 0.0), max(compliance - half, 0.0), high)
         yield Called(WOUND, axis.name, sure, (), {"compliance_rad_per_nm": known})
 
 
@@ -165,7 +170,7 @@ def unexplained(axes: Sequence[Axis]) -> Left:
     """
     worst = max(axes, key=lambda a: whole_rms(a.after))
     left = [worst.found.residual(m) for m in worst.fitted]
-    shares = followed(left, worst.fitted, worst.after, worst.judged)
+    shares = explained_share_by(left, worst.fitted, worst.after, worst.judged)
     goes = [f"{100 * s:.0f} % with {x}" for x, s in shares.items() if s >= SHOWS]
     how = f"as in the other motions it goes {' and '.join(goes)}"
     if not goes:
@@ -174,7 +179,7 @@ def unexplained(axes: Sequence[Axis]) -> Left:
     text = (
         f"{URAD * whole_rms(worst.after):.1f} µrad rms of the judged motion beside "
         f"{URAD * worst.noise:.1f} µrad {whose}; {how}; it keeps its sign for "
-        f"{lasting(worst.after, worst.judged):.2f} s"
+        f"{correlation_time(worst.after, worst.judged):.2f} s"
     )
     return Left(worst.name, f"{text}.{_help(worst)}", {}, None)
 
@@ -202,12 +207,12 @@ def notices(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
 
 def _doubts(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
     for a in axes:
-        if contradicts(a) and a.give is not None:
+        if contradicts(a) and a.compliance is not None:
             text = (
-                f"the model's spring at {a.name} has {1.0 / a.model_give:.3g} N m/rad, "
-                f"the recording winds up by {1e6 * max(a.give[0], 0.0):.3g} ± "
-                f"{1e6 * a.give[1]:.2g} µrad/(N m) where that makes "
-                f"{1e6 * a.model_give:.3g}."
+                f"the model's spring at {a.name} has {1.0 / a.model_compliance:.3g} "
+                "N m/rad, the recording winds up by "
+                f"{1e6 * max(a.compliance[0], 0.0):.3g} ± {1e6 * a.compliance[1]:.2g} "
+                f"µrad/(N m) where that makes {1e6 * a.model_compliance:.3g}."
             )
             yield Remark("spring", a.name, text)
         if any(t.term.effect == WOUND and _backwards(t) for t in a.found.refused):
@@ -277,7 +282,7 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
     """Return the comparison of all axes as an answer in schema 1."""
     p = min(1.0, len(axes) * min(map(_p_value, axes)))
     named = tuple(c for a in axes for c in called(a)) if p < ALPHA else ()
-    more = len(axes) * min(a.beyond_after for a in axes) < ALPHA
+    more = len(axes) * min(a.p_value_after for a in axes) < ALPHA
     before = np.concatenate([a.before for a in axes])
     after = np.concatenate([a.after for a in axes])
     entry = Proved(
@@ -324,7 +329,7 @@ def _p_value(axis: Axis) -> float:
     named = (
         float(norm.sf(max_significance(axis))) if max_significance(axis) > 0.0 else 1.0
     )
-    return min(1.0, 2.0 * min(axis.beyond_before, named))
+    return min(1.0, 2.0 * min(axis.p_value_before, named))
 
 
 def _located(axes: Sequence[Axis]) -> tuple[Placed, ...]:

@@ -21,10 +21,10 @@ from scenarios.pipelines.inputs import arm_of
 from stiffness.dual_encoder.delays import across
 from stiffness.dual_encoder.fit import (
     EncoderComparison,
-    beyond,
     columns,
     fitted,
     noise_of,
+    p_value_beyond_noise,
 )
 from stiffness.dual_encoder.motions import Motion, modelled_torque, motions_of
 from stiffness.dual_encoder.terms import FRICTION, WOUND, plain_terms
@@ -33,7 +33,7 @@ from stiffness.robot.arm import Arm
 # --- One axis and its residual --------------------------------------------------------
 
 WINDOW = 0.1
-"""Length in s of the means that `rms` takes; chosen: gear ripple is faster."""
+"""Length in s of the windows of `rms_of_windows`; chosen: gear ripple is faster."""
 DECADE = 10.0
 """Factor within which a fitted spring counts as the model's own."""
 
@@ -49,10 +49,10 @@ class Axis:
         after: Residual of the patched simulation on the judged motion, in rad.
         noise: One sigma of a row, in rad.
         stated: Whether the recording states the noise.
-        beyond_before: p-value of the nominal residual being noise only, on all motions.
-        beyond_after: p-value of the patched residual, on the judged motion.
-        model_give: Compliance of the model's spring, in rad/(N m); 0: rigid.
-        give: Fitted compliance and half width of its interval, in rad/(N m); None:
+        p_value_before: Of the nominal residual being noise only, on all motions.
+        p_value_after: Of the patched residual, on the judged motion.
+        model_compliance: Compliance of the model's spring, in rad/(N m); 0: rigid.
+        compliance: As fitted, and half width of its interval, in rad/(N m); None:
             torque is not known.
     """
 
@@ -64,21 +64,21 @@ class Axis:
     after: Float[np.ndarray, " rows"]
     noise: float
     stated: bool
-    beyond_before: float
-    beyond_after: float
-    model_give: float = 0.0
-    give: tuple[float, float] | None = None
+    p_value_before: float
+    p_value_after: float
+    model_compliance: float = 0.0
+    compliance: tuple[float, float] | None = None
 
     @property
     def is_nominal_spring(self) -> bool:
         """Return whether the wind-up is the model's own, within a decade."""
-        if self.model_give == 0.0 or self.give is None:
+        if self.model_compliance == 0.0 or self.compliance is None:
             return False
-        low, high = self.model_give / DECADE, self.model_give * DECADE
-        return low <= self.give[0] <= high
+        low, high = self.model_compliance / DECADE, self.model_compliance * DECADE
+        return low <= self.compliance[0] <= high
 
 
-def rms(
+def rms_of_windows(
     residual: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]
 ) -> float:
     """Return the root mean square of the means over windows, in rad."""
@@ -95,7 +95,7 @@ def whole_rms(residual: Float[np.ndarray, " rows"]) -> float:
 # --- The model's spring ---------------------------------------------------------------
 
 
-def give_of(
+def compliance_of(
     motions: tuple[Motion, ...], found: EncoderComparison
 ) -> tuple[float, float] | None:
     """Return an axis' compliance and half width of its interval, accepted or not."""
@@ -113,18 +113,20 @@ def give_of(
 def nominal_left(
     motion: Motion,
     found: EncoderComparison,
-    model_give: float,
-    give: tuple[float, float] | None,
+    model_compliance: float,
+    compliance: tuple[float, float] | None,
 ) -> Float[np.ndarray, " rows"]:
     """Return the nominal residual of a motion, the spring fitted within a decade."""
-    if model_give == 0.0 or give is None or motion.torque is None:
+    if model_compliance == 0.0 or compliance is None or motion.torque is None:
         return motion.apart
-    own = float(np.clip(give[0], model_give / DECADE, model_give * DECADE))
+    own = float(
+        np.clip(compliance[0], model_compliance / DECADE, model_compliance * DECADE)
+    )
     torque = motion.torque
-    if give[0] > 0.0:  # the friction in it winds up nothing
+    if compliance[0] > 0.0:  # the friction in it winds up nothing
         lost = [t for t in found.terms if t.effect == FRICTION]
         sizes = [x for e, _, x in found.known() if e == FRICTION]
-        torque = torque - columns(lost, motion) @ np.array(sizes) / give[0]
+        torque = torque - columns(lost, motion) @ np.array(sizes) / compliance[0]
     left = motion.apart + own * torque
     return left - left.mean()
 
@@ -175,11 +177,11 @@ def _axis(
     found: EncoderComparison,
 ) -> Axis:
     stiffness = float(arm.stiffness[k])
-    model_give = 1.0 / stiffness if stiffness > 0.0 else 0.0
-    give = give_of(own[:-1], found)
+    model_compliance = 1.0 / stiffness if stiffness > 0.0 else 0.0
+    compliance = compliance_of(own[:-1], found)
     stated = recording.encoder_repeatability
     known = stated is not None
-    rigid = [nominal_left(m, found, model_give, give) for m in own]
+    rigid = [nominal_left(m, found, model_compliance, compliance) for m in own]
     left = _simulated(recording, model, k, own[-1], found)
     return Axis(
         name=f"a{k + 1}",
@@ -190,10 +192,14 @@ def _axis(
         after=left,
         noise=noise_of(own, found, stated),
         stated=known,
-        beyond_before=beyond(rigid, own, noise_of(own, None, stated), known),
-        beyond_after=beyond([left], own[-1:], noise_of(own, found, stated), known),
-        model_give=model_give,
-        give=give,
+        p_value_before=p_value_beyond_noise(
+            rigid, own, noise_of(own, None, stated), known
+        ),
+        p_value_after=p_value_beyond_noise(
+            [left], own[-1:], noise_of(own, found, stated), known
+        ),
+        model_compliance=model_compliance,
+        compliance=compliance,
     )
 
 

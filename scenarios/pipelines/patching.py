@@ -497,10 +497,12 @@ def patch_of_axes(axes: Sequence[Axis]) -> Patch:
     effects: list[PatchEffect] = []
     for a in axes:
         effects += waves_of(a.name, a.found)
-        give = a.found.value(WOUND, "compliance_rad_per_nm")
-        if give > 0.0:
-            springs[a.name] = 1.0 / give
-        elif a.model_give and a.give is not None and not a.is_nominal_spring:
+        compliance = a.found.value(WOUND, "compliance_rad_per_nm")
+        if compliance > 0.0:
+            springs[a.name] = 1.0 / compliance
+        elif (
+            a.model_compliance and a.compliance is not None and not a.is_nominal_spring
+        ):
             springs[a.name] = None
         for effect, size in WIDTHS.items():
             width = a.found.value(effect, size)

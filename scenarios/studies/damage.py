@@ -350,7 +350,7 @@ RIGHT = {"file": ("refused",), "physics": ("warned", "refused")}
 
 
 @dataclass(frozen=True)
-class CalibrationResult:
+class DamageOutcome:
     """The outcome of one damage."""
 
     damage: Damage
@@ -363,7 +363,7 @@ class CalibrationResult:
         return self.what in RIGHT[self.damage.shows]
 
 
-def own_names(outcomes: Sequence[CalibrationResult]) -> list[str]:
+def own_names(outcomes: Sequence[DamageOutcome]) -> list[str]:
     """Return by code how many mistakes of the set-up got their own warning."""
     planted = Counter(o.damage.code for o in outcomes if o.damage.code)
     said = Counter(o.damage.code for o in outcomes if o.what == "warned")

@@ -110,11 +110,11 @@ from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import point_jacobian
 from stiffness.setup.check import setup_errors
 
-# --- Chi-square summary of the nominal fit --------------------------------------------
+# --- Rms of the nominal fit -----------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class ChiSquareSummary:
+class RmsSummary:
     """3-D rms of a reading.
 
     Attributes:
@@ -164,7 +164,7 @@ def held_out_misfit(prepared: Prepared, case: SelectionProblem) -> HeldOut:
     return HeldOut(float(np.sqrt(square)), whole)
 
 
-def chi_square_summary(prepared: Prepared, case: SelectionProblem) -> ChiSquareSummary:
+def rms_summary(prepared: Prepared, case: SelectionProblem) -> RmsSummary:
     """Return how far readings miss the arm with its springs as they were fitted.
 
     Args:
@@ -177,7 +177,7 @@ def chi_square_summary(prepared: Prepared, case: SelectionProblem) -> ChiSquareS
         more, by_noise = mean_squares_of(case.data.between, share)
         rms, noise = rms + more, noise + by_noise
     squares = (rms, noise, within, noise_within)
-    return ChiSquareSummary(*(float(np.sqrt(square)) for square in squares))
+    return RmsSummary(*(float(np.sqrt(square)) for square in squares))
 
 
 def _within(prepared: Prepared, case: SelectionProblem) -> tuple[float, float]:
@@ -571,7 +571,7 @@ def _prepared(
 def _detection(
     prepared: Prepared, case: SelectionProblem, found: DetectionTest
 ) -> Detection:
-    misfit = chi_square_summary(prepared, case)
+    misfit = rms_summary(prepared, case)
     one = float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse))))
     frames = max(float(np.sum(prepared.readings.weight)), 1.0)
     smallest = one * np.sqrt(WOULD_SHOW / (3.0 * frames))

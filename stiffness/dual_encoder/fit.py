@@ -10,7 +10,7 @@ Valid       stretches longer than the correlation time of the residual
 Ignores     the search for orders and slip torques on the fitted motions
 ==========  ==========================================================================
 
-Noise, from stated accuracies or from the readings (`noise_of`, `beyond`):
+Noise, from stated accuracies or from the readings (`noise_of`, `p_value_beyond_noise`):
 
 ==========  ==========================================================================
 Equation    noise² = stated² + (compliance x noise of the torque)²; not stated: from
@@ -22,7 +22,7 @@ Valid       white noise
 Ignores     errors of an encoder that repeat with its angle
 ==========  ==========================================================================
 
-Dependence of the residual on angle, torque and speed (`followed`):
+Dependence of the residual on angle, torque and speed (`explained_share_by`):
 
 ==========  ==========================================================================
 Equation    share = 1 − |r − f(x)|² / |r|², r the residual of the motion left out, f the
@@ -209,21 +209,21 @@ def noise_of(
 
     One sigma of an encoder after a gear is in rad, None where not stated.
     """
-    own = white(motions) if stated is None else stated
-    give = 0.0
+    own = white_noise_sigma(motions) if stated is None else stated
+    compliance = 0.0
     if found is not None:
-        give = found.value(WOUND, "compliance_rad_per_nm")
+        compliance = found.value(WOUND, "compliance_rad_per_nm")
     torque = max(m.scatter for m in motions)
-    return float(np.hypot(own, give * torque))
+    return float(np.hypot(own, compliance * torque))
 
 
-def white(motions: Sequence[Motion]) -> float:
+def white_noise_sigma(motions: Sequence[Motion]) -> float:
     """Return the white noise estimated from differences between rows, in rad."""
     rough = np.concatenate([np.diff(m.apart, 3) for m in motions])
     return float(np.sqrt(np.mean(rough**2) / 20.0))
 
 
-def beyond(
+def p_value_beyond_noise(
     residual: Sequence[Float[np.ndarray, " _"]],
     motions: Sequence[Motion],
     noise: float,
@@ -301,7 +301,7 @@ SHOWS = 0.1
 """Share of the residual below which it counts as independent of a quantity; chosen."""
 
 
-def followed(
+def explained_share_by(
     residual: Sequence[Float[np.ndarray, " _"]],
     motions: Sequence[Motion],
     judged_left: Float[np.ndarray, " rows"],
@@ -320,7 +320,7 @@ def followed(
     return shares
 
 
-def lasting(residual: Float[np.ndarray, " rows"], motion: Motion) -> float:
+def correlation_time(residual: Float[np.ndarray, " rows"], motion: Motion) -> float:
     """Return the time after which the residual is no longer correlated, in s."""
     y = residual - residual.mean()
     spectrum = np.abs(np.fft.rfft(y, 2 * len(y))) ** 2

@@ -183,16 +183,16 @@ def _borrowed(
 
 def impossible(terms: Sequence[Term], x: Float[np.ndarray, " columns"]) -> str:
     """Return which coefficients no gear can have; empty: none."""
-    i, give, slipping = 0, 0.0, 0.0
+    i, compliance, slipping = 0, 0.0, 0.0
     for term in terms:
         own = x[i : i + len(term.parameters)]
         i += len(own)
         if (own < term.least).any():
             return f"{term.parameters[0]} would be below zero, which cannot be"
-        give += float(own[0]) if term.effect == WOUND else 0.0
+        compliance += float(own[0]) if term.effect == WOUND else 0.0
         if term.effect == "hysteresis":
             slipping += 0.5 * float(own[0]) / term.shape[0]
-    if slipping > give:
+    if slipping > compliance:
         return "its contacts would be stiffer than the gear, which cannot be"
     return ""
 
@@ -293,10 +293,10 @@ def _squares(terms: Sequence[Term], x: np.ndarray, motions: Sequence[Motion]) ->
 
 def _without_friction(term: Term, so_far: EncoderComparison) -> Term:
     """Return a hysteresis term whose torque is free of the friction found so far."""
-    give = so_far.value(WOUND, "compliance_rad_per_nm")
-    if term.effect != "hysteresis" or give <= 0.0:
+    compliance = so_far.value(WOUND, "compliance_rad_per_nm")
+    if term.effect != "hysteresis" or compliance <= 0.0:
         return term
     turns = [t.shape[0] for t in so_far.terms if t.effect == FRICTION and t.shape]
-    constant = so_far.value(FRICTION, "friction_rad") / give
-    factor = so_far.value(FRICTION, "friction_s") / give
+    constant = so_far.value(FRICTION, "friction_rad") / compliance
+    factor = so_far.value(FRICTION, "friction_s") / compliance
     return replace(term, shape=(term.shape[0], constant, factor, (turns or [1.0])[0]))

@@ -25,7 +25,12 @@ from stiffness.effects.jacobian import (
     JointRotation,
     turn,
 )
-from stiffness.effects.statics import along_sensor, reading, torque_at_sensor, wind_up
+from stiffness.effects.statics import (
+    from_sensor_axes,
+    reading,
+    torque_at_sensor,
+    wind_up,
+)
 from stiffness.experiment.static_state import StaticState
 
 
@@ -96,4 +101,4 @@ def _later(situation: StaticState) -> Float[np.ndarray, "rows 6 1"]:
     sensor = situation.recording.wrench_sensor
     if sensor is not None and sensor.frame == "base":
         return rate(situation, situation.wrench)[:, :, None]
-    return along_sensor(situation, rate(situation, reading(situation))[:, :, None])
+    return from_sensor_axes(situation, rate(situation, reading(situation))[:, :, None])

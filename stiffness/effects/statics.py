@@ -109,7 +109,7 @@ def misread(
     """
     wrench = np.zeros((situation.rows, 6, len(to)))
     wrench[:, to, np.arange(len(to))] = wrong
-    torque = torque_at_sensor(situation, along_sensor(situation, wrench))
+    torque = torque_at_sensor(situation, from_sensor_axes(situation, wrench))
     return wind_up(situation, torque)
 
 
@@ -268,7 +268,7 @@ def turned_load(
     return torque
 
 
-def along_sensor(
+def from_sensor_axes(
     situation: StaticState, wrench: Float[np.ndarray, "rows 6 columns"]
 ) -> Float[np.ndarray, "rows 6 columns"]:
     """Rotate wrenches from the sensor's axes to the base's."""

@@ -21,8 +21,8 @@ from typing_extensions import override
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, sprung
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import (
-    along_sensor,
     felt,
+    from_sensor_axes,
     read_right,
     torque_at_sensor,
     wind_up,
@@ -83,5 +83,5 @@ def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
     """Return the change of the wrench, along the base's axes."""
     each = np.broadcast_to(-np.eye(6), (situation.rows, 6, 6))
     return situation.once_standing(
-        "wrench of biases", lambda: along_sensor(situation, each)
+        "wrench of biases", lambda: from_sensor_axes(situation, each)
     )

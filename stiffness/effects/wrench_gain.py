@@ -21,8 +21,8 @@ from typing_extensions import override
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, sprung
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import (
-    along_sensor,
     felt,
+    from_sensor_axes,
     misread,
     read_right,
     reading,
@@ -100,5 +100,7 @@ def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
     """Return the change of the wrench, along the base's axes."""
     return situation.once_standing(
         "wrench of gains",
-        lambda: along_sensor(situation, -reading(situation)[:, :, None] * np.eye(6)),
+        lambda: from_sensor_axes(
+            situation, -reading(situation)[:, :, None] * np.eye(6)
+        ),
     )

@@ -23,7 +23,7 @@ from typing_extensions import override
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, sprung
 from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.effects.statics import (
-    along_sensor,
+    from_sensor_axes,
     read_right,
     reading,
     torque_at_sensor,
@@ -110,6 +110,6 @@ def missing(situation: StaticState, beside: bool) -> Float[np.ndarray, "rows 6 3
         extra = [np.cross(np.eye(3)[None], part, axis=1) for part in (force, moment)]
         if beside:
             extra = [np.zeros_like(extra[0]), extra[0]]
-        return along_sensor(situation, np.concatenate(extra, axis=1))
+        return from_sensor_axes(situation, np.concatenate(extra, axis=1))
 
     return situation.once_standing(("wrench of sensor's place", beside), changes)

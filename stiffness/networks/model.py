@@ -379,7 +379,7 @@ class DeflectionNetwork:
 
     Attributes:
         shape: Its architecture.
-        encoding: Encoding of postures; a name of `features.ENCODINGS`.
+        encoding: Encoding of postures; a name of `ENCODINGS`.
         outputs: Scaling of the outputs, to m.
         weights: Weights, by the network's names.
         point_in_flange: The point whose motion it predicts, in m.

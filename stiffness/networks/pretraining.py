@@ -70,7 +70,7 @@ class Pretraining:
 
     Attributes:
         shape: Its architecture; the paper's: four hidden layers of 380, ReLU.
-        encoding: Encoding of postures; a name of `features.ENCODINGS`.
+        encoding: Encoding of postures; a name of `model.ENCODINGS`.
         training: Steps and rate.
     """
 

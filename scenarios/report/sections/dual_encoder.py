@@ -10,7 +10,7 @@ from bench.shared.errors import BenchError, UnknownName
 from bench.shared.settings import URAD
 from scenarios.pipelines import schema as form
 from scenarios.pipelines.compare_encoders import ComparisonOutcome
-from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
+from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms_of_windows, whole_rms
 from scenarios.pipelines.patching import write_patch_of_axes
 from scenarios.pipelines.schema import Answer, label, parameters_text, size
 from scenarios.report import data_files, page
@@ -155,10 +155,10 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
                 "as modelled": lambda a: f"{URAD * whole_rms(a.before):.1f}",
                 "with what was named": lambda a: f"{URAD * whole_rms(a.after):.1f}",
                 f"as modelled, {WINDOW:g} s": lambda a: (
-                    f"{URAD * rms(a.before, a.judged.time):.1f}"
+                    f"{URAD * rms_of_windows(a.before, a.judged.time):.1f}"
                 ),
                 f"with what was named, {WINDOW:g} s": lambda a: (
-                    f"{URAD * rms(a.after, a.judged.time):.1f}"
+                    f"{URAD * rms_of_windows(a.after, a.judged.time):.1f}"
                 ),
             },
         ),

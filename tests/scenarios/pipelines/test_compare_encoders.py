@@ -16,7 +16,11 @@ from scenarios.pipelines.compare_encoders import (
     answer_of,
     compare_encoders,
 )
-from scenarios.pipelines.encoder_axes import heldout_comparison, rms, whole_rms
+from scenarios.pipelines.encoder_axes import (
+    heldout_comparison,
+    rms_of_windows,
+    whole_rms,
+)
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.recording_check import abilities
 from scenarios.report.data_files import DECISIONS, read_table
@@ -305,5 +309,5 @@ def test_the_kr300_s_encoders_lag_by_three_milliseconds_and_do_not_wind_up():
     effects = {(n.effect, n.where) for n in answer.named}
     assert {("channel_delay", f"a{k}") for k in (1, 2, 3)} <= effects
     assert "joint_compliance" not in {effect for effect, _ in effects}
-    left = [1e6 * rms(a.after, a.judged.time) for a in axes]
+    left = [1e6 * rms_of_windows(a.after, a.judged.time) for a in axes]
     assert np.all(np.array(left) <= [39, 61, 60])

@@ -21,7 +21,7 @@ from bench.shared.settings import Interval
 from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
-from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
+from stiffness.diagnosis.diagnose import diagnose, rms_summary
 from stiffness.diagnosis.gate import cost_of_limits, refused_by_sizes
 from stiffness.diagnosis.model_evaluation import _mean_square_of
 from stiffness.diagnosis.model_fit import (
@@ -344,7 +344,7 @@ def test_mass_on_a_tool_hangs_on_the_flange_where_the_model_has_no_tool(
 def missed(seen: Recording, arm: Arm) -> float:
     """Return the rms that the fitted nominal arm leaves over that of the noise."""
     ready = prepare(seen, arm)
-    found = chi_square_summary(ready, build_problem(ready, FEW))
+    found = rms_summary(ready, build_problem(ready, FEW))
     return found.rms / found.noise
 
 
@@ -359,7 +359,7 @@ def test_noise_is_that_of_one_reading_and_within_visits_that_of_its_difference(
     """As measured; each visit's mean takes one of its readings' squares."""
     seen = plain_of(kr10)
     ready = prepare(seen, arm)
-    found = chi_square_summary(ready, build_problem(ready, FEW))
+    found = rms_summary(ready, build_problem(ready, FEW))
     of_one = ready.noise * 1e-5 * np.sqrt(3.0)
     each = len(seen.time) / len(np.unique(seen.visit))
     assert found.noise == pytest.approx(of_one, rel=1e-3)
