@@ -509,14 +509,11 @@ def _magnitudes(effect: str, together: Sequence[Called]) -> str:
     factor *= PEAK_TO_PEAK.get((effect, known[0][0]), 1.0)
     if effect in SHARES:
         unit, factor = "%", 100.0 * factor
-    known.sort(key=lambda x: x[2][0])
-    told = [rounded(p, factor, at[0]) for _, p, at in (known[0], known[-1])]
-    if len(together) == 1:  # its interval; of its several sizes, from all their ends
-        low, high = min(known, key=lambda x: x[2][1]), max(known, key=lambda x: x[2][2])
-        told = [
-            rounded(low[1], factor, low[2][1]),
-            rounded(high[1], factor, high[2][2]),
-        ]
+    # of several names their estimates; of one all its intervals, from end to end
+    some = [[(at[k], p) for _, p, at in known] for k in (0, 1, 2)]
+    low, high = some[1:] if len(together) == 1 else (some[0], some[0])
+    ends = min(low, key=lambda x: x[0]), max(high, key=lambda x: x[0])
+    told = [rounded(p, factor, value) for value, p in ends]
     told = [x.removesuffix(".0") for x in told]
     text = told[0] if told[0] == told[1] else f"{told[0]} to {told[1]}"
     return " ".join(filter(None, (text, unit, word)))

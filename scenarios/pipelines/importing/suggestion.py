@@ -286,9 +286,8 @@ def _remark(sheet: Sheet, name: str, known: Sequence[str]) -> str:
     unit = _unit_beside(sheet, name)
     if not unit or not known or _spelt(unit, known):
         return ""
-    return (
-        f"  # {toml_text(unit)} is none of {', '.join(known)}: if it is a unit, a factor"
-    )
+    none = f"{toml_text(unit)} is none of {', '.join(known)}"
+    return f"  # {none}: if it is a unit, a factor"
 
 
 # --- The mapping ----------------------------------------------------------------------

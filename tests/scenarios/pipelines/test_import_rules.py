@@ -267,6 +267,7 @@ def test_a_weight_is_a_force_whose_other_parts_are_nothing(tmp_path):
     hung = {"fx_n": nothing, "fy_n": nothing, "fz_n": '{ from = "Fx", factor = -9.81 }'}
     read = read_of(tmp_path, replace(lab, columns={**lab.columns, **hung}))
     pulled = np.outer(np.arange(7), [0.0, 0.0, -9.81, 0.0, 0.0, 0.0])
+    assert read.wrench is not None
     np.testing.assert_allclose(read.wrench, pulled, atol=1e-12)
     (tmp_path / "less").mkdir()
     less = {n: c for n, c in lab.columns.items() if n != "fx_n"}
