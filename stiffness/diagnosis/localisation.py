@@ -44,7 +44,6 @@ from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
     SelectionProblem,
-    solve,
     training,
 )
 from stiffness.diagnosis.result import Located, Name, UnexplainedPlace
@@ -66,6 +65,7 @@ from stiffness.regression.normal_equations import (
     NormalEquations,
     projection_coefficients,
     schur_complement,
+    solve,
     whitening_transform,
 )
 from stiffness.regression.testing import (

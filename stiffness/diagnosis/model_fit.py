@@ -19,11 +19,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.diagnosis.sufficient_statistics import (
     Augmented,
+    HeldColumns,
     SufficientStatistics,
     normal_equations_of,
 )
@@ -44,6 +45,7 @@ from stiffness.regression.normal_equations import (
     Linearised,
     NormalEquations,
     minimise,
+    solve,
 )
 from stiffness.regression.splits import Split
 
@@ -323,39 +325,6 @@ LAW_ACCURACY = 0.0025
 """Share of what a name explains by which the form of its law may be wrong: log Bayes
 factors are no more certain, and what explains less beside it may be its own. Chosen: a
 twentieth of its amplitude, squared."""
-RIDGE = 1e-9
-"""Added to the diagonal of scaled normal equations: columns may be multiples."""
-
-
-def solve(gram: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """Solve normal equations whose columns have very different units."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    scaled = gram * scale * scale[:, None] + RIDGE * np.eye(len(gram))
-    return scale * np.linalg.solve(scaled, scale * score)
-
-
-def losses_without(
-    gram: Float[np.ndarray, "columns columns"],
-    score: Float[np.ndarray, " columns"],
-    blocks: Sequence[Int[np.ndarray, " _"]],
-) -> tuple[float, ...]:
-    """Return the whitened square that is lost without each block, all others adapting.
-
-    ==========  ======================================================================
-    Equation    b_B' (G^-1)_BB^-1 b_B, b = G^-1 s
-    Source      Wald 1943, the statistic of a linear hypothesis
-    Valid       columns of which none is a multiple of others beyond `RIDGE`
-    Ignores     nothing else
-    ==========  ======================================================================
-    """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    scaled = gram * scale * scale[:, None] + RIDGE * np.eye(len(gram))
-    inverse = np.linalg.inv(scaled)
-    fitted = inverse @ (scale * score)
-    return tuple(
-        float(fitted[own] @ np.linalg.solve(inverse[np.ix_(own, own)], fitted[own]))
-        for own in blocks
-    )
 
 
 # --- Test of the residual -------------------------------------------------------------
@@ -376,24 +345,6 @@ def other_forms(
 
 WHOLE = ("with", "memory", "within", "beside", "law")
 """Shape parameters that count something and have nothing in between."""
-
-
-def tried(
-    here: float, grid: Float[np.ndarray, " points"], factor: bool, count: int
-) -> Float[np.ndarray, " count"]:
-    """Return values between the nearest grid value's neighbours; logarithms of factors.
-
-    Args:
-        here: The best so far.
-        grid: Coarse values, in order.
-        factor: Whether an error is a factor.
-        count: How many values, the neighbours themselves left out.
-    """
-    if factor:
-        here, grid = float(np.log(here)), np.log(grid)
-    nearest = int(np.argmin(np.abs(grid - here)))
-    low, high = grid[max(nearest - 1, 0)], grid[min(nearest + 1, len(grid) - 1)]
-    return np.linspace(low, high, count + 2)[1:-1]
 
 
 def shape_columns(
@@ -528,22 +479,73 @@ def bounds_of(shapes: Sequence[FreeShape]) -> Bounds:
     return Bounds(*values.T)
 
 
+@dataclass(frozen=True, eq=False)
+class HeldTerms:
+    """Terms of a set that stay as they are, for others that are fitted beside them.
+
+    Attributes:
+        case: What may be looked at.
+        terms: That stay.
+        laws: Their columns.
+        known: Nominal columns and theirs, and what the readings say of them; None:
+            nothing stays, and all is laid out at once.
+    """
+
+    case: SelectionProblem
+    terms: tuple[ModelTerm, ...] = ()
+    laws: tuple[EffectJacobian, ...] = ()
+    known: HeldColumns | None = None
+
+    @classmethod
+    def of(cls, case: SelectionProblem, terms: Sequence[ModelTerm]) -> "HeldTerms":
+        """Lay the columns of terms out once."""
+        laws = tuple(term.jacobian(case.situation) for term in terms)
+        fold = training(case.split)
+        known = HeldColumns.of(case.data, [*case.nominal, *laws], fold)
+        return cls(case, tuple(terms), laws, known)
+
+    def beside(
+        self, more: Sequence[EffectJacobian]
+    ) -> tuple[Float[np.ndarray, "all all"], Float[np.ndarray, " all"]]:
+        """Return normal equations of nominal columns, those that stay, and more."""
+        if self.known is not None:
+            return self.known.beside(more)
+        columns, fold = [*self.case.nominal, *more], training(self.case.split)
+        found = normal_equations_of(self.case.data, columns, fold)
+        return found.gram[1], found.score[fold == 1].sum(axis=0)
+
+    def fitted_with(self, term: ModelTerm) -> ModelFit:
+        """Return the fit with one more term, the last, at the shape that does most."""
+        terms = (*self.terms, _with_best_shapes(self, [term])[-1])
+        law = terms[-1].jacobian(self.case.situation)
+        laws, (gram, score) = (*self.laws, law), self.beside([law])
+        widths, first = [own.columns for own in laws], len(self.case.nominal)
+        gram = with_priors(gram, first, terms, widths, self.case.situation)
+        return fit_of(terms, laws, gram, score)
+
+
 def fit_shapes(
-    case: SelectionProblem, terms: Sequence[ModelTerm], held: int = 0
+    case: SelectionProblem, terms: Sequence[ModelTerm]
 ) -> tuple[ModelTerm, ...]:
     """Move shapes of a set to where the set explains most.
 
     Args:
         case: What may be looked at.
         terms: The set, at shapes of the coarse grid or near.
-        held: How many of them, the first, stay as they are.
     """
-    shapes = [s for s in free_shapes(case.situation, terms) if s.term >= held]
+    return _with_best_shapes(HeldTerms(case), terms)
+
+
+def _with_best_shapes(
+    held: HeldTerms, terms: Sequence[ModelTerm]
+) -> tuple[ModelTerm, ...]:
+    """Return terms at the shapes at which all that stay and they explain most."""
+    shapes = free_shapes(held.case.situation, terms)
     if not shapes:
         return tuple(terms)
 
     def linearise(moved: np.ndarray) -> Linearised:
-        return _linearised(case, with_shapes(terms, shapes, moved), shapes)
+        return _linearised(held, with_shapes(terms, shapes, moved), shapes)
 
     bounds, start = bounds_of(shapes), np.array([shape.start for shape in shapes])
     inside = np.clip(start, bounds.low, bounds.high)
@@ -552,29 +554,29 @@ def fit_shapes(
 
 
 def _linearised(
-    case: SelectionProblem, terms: Sequence[ModelTerm], shapes: Sequence[FreeShape]
+    held: HeldTerms, moving: Sequence[ModelTerm], shapes: Sequence[FreeShape]
 ) -> Linearised:
     """Fit a set, and return what its shapes' slopes say beside its coefficients.
 
     The slopes are those of the fit's own coefficients, which one pass over the readings
     does not know yet: all columns' slopes are laid out and then added up.
     """
-    laws = [term.jacobian(case.situation) for term in terms]
-    slopes = [s.slope(case.situation, terms[s.term]) for s in shapes]
-    columns = [*case.nominal, *laws, *slopes]
-    found = normal_equations_of(case.data, columns, training(case.split))
-    gram, score = found.gram[1], found.score[~case.split.held_out].sum(axis=0)
+    case, terms = held.case, (*held.terms, *moving)
+    own = [term.jacobian(case.situation) for term in moving]
+    slopes = [s.slope(case.situation, moving[s.term]) for s in shapes]
+    laws, (gram, score) = (*held.laws, *own), held.beside([*own, *slopes])
     widths = [law.columns for law in laws]
     gram = with_priors(gram, len(case.nominal), terms, widths, case.situation)
     width = len(case.nominal) + sum(widths)
     fit = fit_of(terms, laws, gram[:width, :width], score[:width])
+    sizes = fit.coefficients[len(held.terms) :]
     mix = np.zeros((len(gram), width + len(shapes)))
     mix[:width, :width] = np.eye(width)
     at = width
     for column, (shape, slope) in enumerate(zip(shapes, slopes, strict=True), width):
-        mix[at : at + slope.columns, column] = fit.coefficients[shape.term]
+        mix[at : at + slope.columns, column] = sizes[shape.term]
         at += slope.columns
     gram, score = mix.T @ gram @ mix, mix.T @ score
     problem = Linearised.of_some(gram, score, np.arange(width, len(gram)))
-    precision, away = prior_of(shapes, terms)
+    precision, away = prior_of(shapes, moving)
     return problem.with_prior(precision, away, -fit.gain - fit.nominal_gain)

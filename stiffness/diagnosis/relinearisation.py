@@ -29,7 +29,6 @@ from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
     SelectionProblem,
-    solve,
     training,
 )
 from stiffness.diagnosis.nominal_fit import (
@@ -66,6 +65,7 @@ from stiffness.experiment.static_state import (
     static_state_of,
 )
 from stiffness.experiment.visits import held_at_mean
+from stiffness.regression.normal_equations import solve
 from stiffness.regression.splits import Split, seed_of, split_of
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import corrected_chain, link_error_of

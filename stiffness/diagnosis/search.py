@@ -25,12 +25,12 @@ from stiffness.diagnosis.detection import blocks_beside
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
     WHOLE,
+    HeldTerms,
     ModelFit,
     ModelTerm,
     SelectionProblem,
     fit_model,
     fit_shapes,
-    tried,
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.candidates import Library, Mapped
@@ -254,6 +254,24 @@ def _fine_shapes(
     return [term]
 
 
+def tried(
+    here: float, grid: Float[np.ndarray, " points"], factor: bool, count: int
+) -> Float[np.ndarray, " count"]:
+    """Return values between the nearest grid value's neighbours; logarithms of factors.
+
+    Args:
+        here: The best so far.
+        grid: Coarse values, in order.
+        factor: Whether an error is a factor.
+        count: How many values, the neighbours themselves left out.
+    """
+    if factor:
+        here, grid = float(np.log(here)), np.log(grid)
+    nearest = int(np.argmin(np.abs(grid - here)))
+    low, high = grid[max(nearest - 1, 0)], grid[min(nearest + 1, len(grid) - 1)]
+    return np.linspace(low, high, count + 2)[1:-1]
+
+
 def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
     """Return one term of each name: of several shapes the one that explains most.
 
@@ -330,13 +348,12 @@ def _fit_of_laws(search: Search, name: Name, others: Sequence[int]) -> ModelFit 
     terms = {k: search.terms[k] for k in others}
     waves = [k for k, t in terms.items() if t.hypothesis.is_sum and t.where == name[1]]
     others = [k for k in others if k not in waves]
-    beside = [terms[k] for k in others]
+    beside = HeldTerms.of(search.case, [terms[k] for k in others])
     gains = gains_beside(search.problem, others)
     fits, worth = list[ModelFit](), list[float]()
     for own in laws.values():
         for k in sorted(own, key=lambda k: -round(gains[k], 6))[:STARTS_OF_LAW]:
-            shaped = fit_shapes(search.case, (*beside, search.terms[k]), len(beside))
-            fits.append(fit_model(search.case, shaped))
+            fits.append(beside.fitted_with(search.terms[k]))
             numbers = fits[-1].degrees_of_freedom
             worth.append(fits[-1].gain - numbers * np.log(search.case.poses))
     return fits[first_of_best(np.array(worth), RISES)]

@@ -244,6 +244,44 @@ def given_many(
     return np.block([[cross[:, :few], cross[:, few:]], [cross[:, few:].T, gram]])
 
 
+@dataclass(frozen=True, eq=False)
+class HeldColumns:
+    """Columns that stay, and what the readings say of them, for others beside them.
+
+    Attributes:
+        data: The readings.
+        columns: That stay.
+        fold: Of each pose; those of fold 1 are looked at.
+        gram: Products of the columns that stay.
+    """
+
+    data: SufficientStatistics
+    columns: KeptColumns
+    fold: Int[np.ndarray, " poses"]
+    gram: Float[np.ndarray, "columns columns"]
+
+    @classmethod
+    def of(
+        cls,
+        data: SufficientStatistics,
+        columns: Sequence[EffectJacobian],
+        fold: Int[np.ndarray, " poses"],
+    ) -> "HeldColumns":
+        """Lay columns out and multiply them with each other, once."""
+        kept = KeptColumns(columns)
+        return cls(data, kept, fold, normal_equations_of(data, kept, fold).gram[1])
+
+    def beside(
+        self, more: Sequence[EffectJacobian]
+    ) -> tuple[Float[np.ndarray, "all all"], Float[np.ndarray, " all"]]:
+        """Return the Gram matrix and score of the columns that stay, and then more."""
+        cross, score = cross_gram(self.data, more, [self.columns], self.fold)
+        few, every = cross.shape[1], np.arange(cross.shape[2])
+        order = np.concatenate([every[few:], every[:few]])
+        gram = given_many(cross[1], self.gram)[np.ix_(order, order)]
+        return gram, score[self.fold == 1].sum(axis=0)[order]
+
+
 @dataclass(eq=False)
 class Augmented:
     """Normal equations of many columns with terms before them, each laid out once.

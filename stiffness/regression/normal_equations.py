@@ -201,6 +201,49 @@ def minimum_norm_fit(
     return projection_coefficients(joint, np.arange(len(gram)))[:, -1]
 
 
+RIDGE = 1e-9
+"""Added to the diagonal of scaled normal equations: columns may be multiples."""
+
+
+def solve(
+    gram: Float[np.ndarray, "columns columns"], score: Float[np.ndarray, " columns"]
+) -> Float[np.ndarray, " columns"]:
+    """Solve normal equations whose columns have very different units."""
+    scale, scaled = _ridged(gram)
+    return scale * np.linalg.solve(scaled, scale * score)
+
+
+def _ridged(
+    gram: Float[np.ndarray, "columns columns"],
+) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, "columns columns"]]:
+    """Return the scale of each column, and the Gram matrix of the scaled ones."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return scale, gram * scale * scale[:, None] + RIDGE * np.eye(len(gram))
+
+
+def losses_without(
+    gram: Float[np.ndarray, "columns columns"],
+    score: Float[np.ndarray, " columns"],
+    blocks: Sequence[Int[np.ndarray, " _"]],
+) -> tuple[float, ...]:
+    """Return the whitened square that is lost without each block, all others adapting.
+
+    ==========  ======================================================================
+    Equation    b_B' (G^-1)_BB^-1 b_B, b = G^-1 s
+    Source      Wald 1943, the statistic of a linear hypothesis
+    Valid       columns of which none is a multiple of others beyond `RIDGE`
+    Ignores     nothing else
+    ==========  ======================================================================
+    """
+    scale, scaled = _ridged(gram)
+    inverse = np.linalg.inv(scaled)
+    fitted = inverse @ (scale * score)
+    return tuple(
+        float(fitted[own] @ np.linalg.solve(inverse[np.ix_(own, own)], fitted[own]))
+        for own in blocks
+    )
+
+
 # --- Block by block, regularised ------------------------------------------------------
 
 ColumnIndices = Int[np.ndarray, " _"]

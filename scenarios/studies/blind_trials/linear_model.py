@@ -30,9 +30,7 @@ from stiffness.diagnosis.model_fit import (
     fit_model,
     fit_of,
     fit_shapes,
-    losses_without,
     shape_columns,
-    solve,
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
@@ -41,6 +39,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     normal_equations_of,
 )
+from stiffness.regression.normal_equations import losses_without, solve
 
 SWEEPS = 2
 """How often the shape of each name is chosen beside the others; chosen: the second time

@@ -56,7 +56,6 @@ from stiffness.diagnosis.model_fit import (
     ModelTerm,
     SelectionProblem,
     other_forms,
-    solve,
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared, blocks, prepare, residuals_of
@@ -75,6 +74,7 @@ from stiffness.experiment.visits import visits_of
 from stiffness.regression.normal_equations import (
     minimum_norm_fit,
     projection_coefficients,
+    solve,
 )
 from stiffness.regression.splits import Split, split_of
 

@@ -27,7 +27,6 @@ from stiffness.diagnosis.model_fit import (
     SelectionProblem,
     fit_model,
     fit_shapes,
-    losses_without,
 )
 from stiffness.diagnosis.nominal_fit import Prepared, blocks
 from stiffness.diagnosis.relinearisation import build_problem
@@ -55,7 +54,7 @@ from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.regression.intervals import jackknife_covariance
-from stiffness.regression.normal_equations import minimum_norm_fit
+from stiffness.regression.normal_equations import losses_without, minimum_norm_fit
 
 EIGHT = (
     "hysteresis@a1",
