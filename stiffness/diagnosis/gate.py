@@ -28,7 +28,6 @@ from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
     SelectionProblem,
-    losses_without,
     training,
 )
 from stiffness.diagnosis.relinearisation import changes_moments
@@ -40,6 +39,7 @@ from stiffness.effects.base import Hypothesis
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import FittedParameters
 from stiffness.regression.normal_equations import (
+    losses_without,
     projection_coefficients,
     schur_complement,
 )
@@ -515,10 +515,10 @@ def refused_by_sizes(
         columns: How many sizes each term has.
     """
     decisions = held_by_nothing(terms, parameters)
-    asked = {decision.candidate for decision in decisions}
+    held = {decision.candidate: decision.accepted for decision in decisions}
     every = zip(terms, parameters, gains, columns, strict=True)
     for term, fitted, gain, count in every:
-        if term.name in asked:
+        if not held.get(term.name, True):
             continue
         own = fitted.intervals
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
@@ -529,6 +529,8 @@ def refused_by_sizes(
             reason = sizes_beyond_limits(case.situation, term, own)
             one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
             decisions.append(one)
+        elif term.name in held:  # its sizes hold each other up
+            continue
         elif possible != own and may_be_nothing(term.hypothesis, possible):
             reason = "none of its magnitudes is surely one that it can have"
             decisions.append(
@@ -542,14 +544,15 @@ def held_by_nothing(
 ) -> list[Decision]:
     """Return decisions on the names whose magnitudes may each be zero.
 
-    Accepted where all of them can not be zero at once.
+    Accepted where there are several that can not all be zero at once.
     """
     each = "the intervals of all its magnitudes contain zero"
     held = f"{each}, but they can not all be zero at once"
     decisions = []
     for term, own in zip(terms, parameters, strict=True):
         if may_be_nothing(term.hypothesis, own.intervals):
-            there = own.together > own.limit
+            several = sum(name in term.hypothesis.nothing for name in own.intervals) > 1
+            there = several and own.together > own.limit
             asked = ("magnitude", there, own.together, own.limit)
             reason = held if there else each
             decisions.append(Decision(term.name, *asked, reason, own.intervals))

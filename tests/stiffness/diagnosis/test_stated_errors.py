@@ -34,6 +34,7 @@ from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
 from stiffness.effects.base_compliance import BaseCompliance
+from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import MOST_TAKEN, GravityLoad, mass_at
 from stiffness.effects.hardening import Hardening
@@ -405,6 +406,35 @@ def test_law_of_one_size_a_little_beyond_its_far_limit_stands(
     }
     fitted = FittedParameters(own, 9.0, 3.0)
     assert bool(refused_by_sizes(case, [gear], [fitted], [gain], [1])) == refused
+
+
+def test_one_size_that_may_be_nothing_is_withheld_however_it_is_tested(plain, arm):
+    """Of a foot's springs that may each be nothing all can still not be so at once."""
+    case = build_problem(prepare(plain, arm), (LostMotion(),))
+    play = ModelTerm(LostMotion(), "a2", np.array([1.0]))
+    foot = ModelTerm(BaseCompliance(), "base", np.zeros(0))
+    width = {"width_rad": Interval(1e-5, -1e-5, 3e-5)}
+    springs = {f"r{axis}_rad_per_nm": Interval(1e-7, -2e-7, 4e-7) for axis in "xy"}
+    fitted = [FittedParameters(own, 9.0, 3.0) for own in (width, springs)]
+    told = refused_by_sizes(case, [play, foot], fitted, [1e4, 1e4], [1, 6])
+    assert {d.candidate: d.accepted for d in told} == {
+        play.name: False,
+        foot.name: True,
+    }
+
+
+def test_sizes_that_hold_each_other_up_are_still_possible_or_refused(plain, arm):
+    """A bearing that tilts about a point 0.7 m off its axis' origin is none."""
+    case = build_problem(prepare(plain, arm), (BearingTilt(),))
+    bearing = ModelTerm(BearingTilt(), "a1", np.zeros(1))
+    own = {f"{axis}_rad_per_nm": Interval(1e-6, -1e-6, 3e-6) for axis in "uv"}
+    own["centre_m"] = Interval(0.7, 0.65, 0.75)
+    fitted = FittedParameters(own, 9.0, 3.0)
+    told = refused_by_sizes(case, [bearing], [fitted], [10.0], [2])
+    assert [(d.gate, d.accepted) for d in told] == [
+        ("magnitude", True),
+        ("physical", False),
+    ]
 
 
 def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
