@@ -78,12 +78,13 @@ def load_model(file: Path | str) -> RobotModel:
     return RobotModel(Path(file), plain_mjcf(model), facts_of(model))
 
 
-def read(folder: Path | str, model: RobotModel | None = None) -> Recording:
+def read(folder: Path | str, model: RobotModel | Path | str | None = None) -> Recording:
     """Read a recording; what it holds that was not used stands in its `notes`.
 
     Args:
         folder: Of the recording.
-        model: The robot, whose names and limits it is checked against; None: neither.
+        model: The robot or its file, whose names and limits it is checked against;
+            None: neither.
 
     Raises:
         Unusable: With every fault, each with file, row and column.
@@ -92,6 +93,8 @@ def read(folder: Path | str, model: RobotModel | None = None) -> Recording:
 
     from bench.shared.format import folder as files
 
+    if isinstance(model, Path | str):
+        model = load_model(model)
     recording, notes = files.read(folder, None if model is None else model.facts)
     return replace(recording, notes=notes)
 

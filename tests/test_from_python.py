@@ -84,6 +84,14 @@ def test_a_recording_brings_its_notes(tmp_path):
     assert "remark" in note
 
 
+def test_a_recording_is_read_against_a_model_s_file_and_says_what_it_is(tmp_path):
+    folder = write_good(tmp_path / "good")
+    read = bench.read(folder, ROOT / KR10)
+    assert repr(read) == repr(bench.read(folder, bench.load_model(ROOT / KR10)))
+    assert len(repr(read)) < 150
+    assert f"{len(read.time)} rows of plateaus" in repr(read)
+
+
 @pytest.mark.slow
 def test_the_example_runs_from_its_first_cell_to_its_last(monkeypatch, capsys):
     """It finds what it concealed, and its patch holds in a later recording.

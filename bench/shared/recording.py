@@ -212,7 +212,7 @@ class DrawingAccuracy:
     mass_ratio: float = 0.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """One experiment, one row per measured state, in the order of time.
 
@@ -288,6 +288,16 @@ class Recording:
     rows: Literal["plateaus", "stream"] = "plateaus"
     displacement: Literal["absolute", "relative"] = "absolute"
     notes: tuple[str, ...] = field(default=(), compare=False)
+
+    def __repr__(self):
+        """Return what it is in a line, without its readings."""
+        poses, axes = len(np.unique(self.posture_id)), self.posture.shape[1]
+        seen = f"{len(self.markers)} markers, " if self.markers else ""
+        wrench = "no wrench" if self.wrench is None else "a wrench"
+        return (
+            f"Recording {self.name!r}: {len(self.time)} rows of {self.rows}, {poses} "
+            f"poses, {axes} axes, {seen}{wrench}"
+        )
 
     def __post_init__(self):
         """Check that all arrays have the same rows, axes and markers."""

@@ -39,6 +39,7 @@ from scenarios.report.error_budget import (
     shares_of_names,
 )
 from stiffness.diagnosis.result import SCATTER, Nominal
+from stiffness.diagnosis.unknown_noise import FEW
 
 # --- Fitted springs -------------------------------------------------------------------
 
@@ -183,19 +184,18 @@ def _detected(answer: Answer) -> str:
         agree = "agree" if answer.verdict == "no_mismatch" else "differ"
         return f"Simulation and recording {agree} ({p})."
     missed, noise = 1e3 * found.residual_rms_mm, 1e3 * found.noise_rms_mm
-    sizes = (
-        f"readings miss the fitted nominal arm by {missed:.1f} µm, noise alone leaves "
-        f"{noise:.1f} µm"
-    )
+    alone = f"noise alone leaves {noise:.1f} µm"
+    sizes = f"readings miss the fitted nominal arm by {missed:.1f} µm, {alone}"
     if answer.verdict == "no_mismatch":
-        if any(warning.code == SCATTER for warning in answer.warnings):
-            return f"No law was found in what differs ({p}): {sizes}."
+        said = {warning.code for warning in answer.warnings}
+        none = "No difference was found that so few poses show" * (FEW in said)
+        none = "No law was found in what differs" if SCATTER in said else none
+        told = f"{none or 'Simulation and recording agree'} ({p}): {sizes}."
         least = found.smallest_effect_that_would_show_mm
-        shown = "" if least is None else (
-            " A named effect of which the nominal fit leaves "
-            f"{1e3 * least:.2g} µm rms would have shown."
-        )  # fmt: skip
-        return f"Simulation and recording agree ({p}): {sizes}.{shown}"
+        if none or least is None:
+            return told
+        left = f"of which the nominal fit leaves {1e3 * least:.2g} µm rms"
+        return f"{told} A named effect {left} would have shown."
     return f"Simulation and recording differ ({p}): {sizes}."
 
 

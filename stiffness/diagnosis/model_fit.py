@@ -504,12 +504,12 @@ class HeldTerms:
         known = HeldColumns.of(case.data, [*case.nominal, *laws], fold)
         return cls(case, tuple(terms), laws, known)
 
-    def beside(
+    def with_more(
         self, more: Sequence[EffectJacobian]
     ) -> tuple[Float[np.ndarray, "all all"], Float[np.ndarray, " all"]]:
         """Return normal equations of nominal columns, those that stay, and more."""
         if self.known is not None:
-            return self.known.beside(more)
+            return self.known.with_more(more)
         columns, fold = [*self.case.nominal, *more], training(self.case.split)
         found = normal_equations_of(self.case.data, columns, fold)
         return found.gram[1], found.score[fold == 1].sum(axis=0)
@@ -518,7 +518,7 @@ class HeldTerms:
         """Return the fit with one more term, the last, at the shape that does most."""
         terms = (*self.terms, _with_best_shapes(self, [term])[-1])
         law = terms[-1].jacobian(self.case.situation)
-        laws, (gram, score) = (*self.laws, law), self.beside([law])
+        laws, (gram, score) = (*self.laws, law), self.with_more([law])
         widths, first = [own.columns for own in laws], len(self.case.nominal)
         gram = with_priors(gram, first, terms, widths, self.case.situation)
         return fit_of(terms, laws, gram, score)
@@ -564,7 +564,7 @@ def _linearised(
     case, terms = held.case, (*held.terms, *moving)
     own = [term.jacobian(case.situation) for term in moving]
     slopes = [s.slope(case.situation, moving[s.term]) for s in shapes]
-    laws, (gram, score) = (*held.laws, *own), held.beside([*own, *slopes])
+    laws, (gram, score) = (*held.laws, *own), held.with_more([*own, *slopes])
     widths = [law.columns for law in laws]
     gram = with_priors(gram, len(case.nominal), terms, widths, case.situation)
     width = len(case.nominal) + sum(widths)

@@ -271,7 +271,7 @@ class HeldColumns:
         kept = KeptColumns(columns)
         return cls(data, kept, fold, normal_equations_of(data, kept, fold).gram[1])
 
-    def beside(
+    def with_more(
         self, more: Sequence[EffectJacobian]
     ) -> tuple[Float[np.ndarray, "all all"], Float[np.ndarray, " all"]]:
         """Return the Gram matrix and score of the columns that stay, and then more."""

@@ -204,16 +204,20 @@ def noise_text(
     )
 
 
+FEW = "few_poses"
+"""Code of the remark that there are too few poses to test small effects."""
+
+
 def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
     """Return what is remarkable but no mistake."""
     said = list(prepared.warnings)
     poses = int(prepared.situation.posture_index.max()) + 1
     if poses < FEWEST_POSES:
         text = (
-            f"in {poses} poses only what is far beyond the stated noise can show: "
+            f"{poses} pose{'s' * (poses > 1)}: only what is far beyond noise can show; "
             f"bring {FEWEST_POSES} at least, forty to be told of small effects."
         )
-        said.append(Warned("few_poses", "rig", text))
+        said.append(Warned(FEW, "rig", text))
     tracker = prepared.situation.recording.tracker
     if tracker is not None and tracker.is_stated and is_odd(prepared):
         readings = prepared.readings

@@ -541,6 +541,19 @@ def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
     assert "0.5 µm rms would have shown" in sentence
 
 
+def test_story_of_few_poses_claims_no_agreement(found, recording):
+    """One pose, read once, is no test of anything."""
+    marked, _ = folder.read(recording)
+    few = (Warned("few_poses", "rig", "1 pose: bring 10."),)
+    detection = replace(found.detection, p_value=1.0)
+    calm = Diagnosis("x", "no_mismatch", detection, warnings=few)
+    told = answer_of(calm, None, "", (), 1.0, False)
+    note, sentence = summary.sentences(Result(marked, calm, None, "", None, told))
+    assert note.endswith("bring 10.")
+    assert sentence.startswith("No difference was found that so few poses show (p = 1)")
+    assert "would have shown" not in sentence
+
+
 def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording):
     marked, _ = folder.read(recording)
     calm = replace(found.detection, p_value=0.4)
