@@ -251,7 +251,7 @@ def _budget(trials: Sequence[ProofCheck], channel: Channel | None) -> dict[str, 
         if t.kind == "taken_out"
     }
     if channel is not None:
-        found["instruments, as stated"] = channel.noise
+        found["instruments' noise"] = channel.noise
         rest = channel.after**2 - channel.noise**2
         found["not explained"] = float(np.sqrt(max(rest, 0.0)))
     return found

@@ -126,7 +126,7 @@ def of_poses(channel: Channel, unit: str, file: Path) -> None:
     axes.plot(at, before, "o", color=GREY, ms=6, label="nominal arm, fitted")
     axes.plot(at, after, "o", color=ORANGE, ms=6, label="with the patch")
     axes.axhline(
-        MICRO * channel.noise, color=BLUE, lw=1.2, ls="--", label="stated noise"
+        MICRO * channel.noise, color=BLUE, lw=1.2, ls="--", label="noise alone"
     )
     axes.set_xticks(at, [str(p) for p in channel.posture_id[order]], fontsize=7)
     axes.set_xlabel("pose kept back")
@@ -449,7 +449,7 @@ def judged_before_after(judgement: Judgement, file: Path) -> None:
         sizes = " → ".join(f"{_root(error[rows]):.1f}" for error in (j.before, j.after))
         ax.set_title(f"{title}: {sizes} µm rms", loc="left", size=10)
         plain_log(ax.xaxis)
-    _legend(figure, drawn, ("as drawn", "with the patch", "stated noise"))
+    _legend(figure, drawn, ("as drawn", "with the patch", "noise alone"))
     plots[0].set_ylabel("readings below [%]")
     save(figure, file)
 

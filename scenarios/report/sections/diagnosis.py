@@ -97,7 +97,7 @@ def _noise(finding: Result) -> Iterator[Block]:
     stated = ", ".join(f"{MICRO * s:.1f}" for s in tracker.repeatability)
     text = f"The tracker states {stated} µm along its axes."
     if finding.replicates is None:
-        yield Paragraph(f"{text} No pose was visited twice to test that.")
+        yield Paragraph(f"{text} No pose was visited again.")
         return
     seen, freedom = finding.replicates
     shown = ", ".join(f"{MICRO * s:.1f}" for s in seen)
@@ -146,7 +146,7 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
         f"Springs, frames and marks were fitted on the other poses, for both. {means} "
         f"{sizes[0].upper()}{sizes[1:]} {CONTROLLER}"
     )
-    header = ["channel", "before", "after", "stated noise", "gain", "95 % interval"]
+    header = ["channel", "before", "after", "noise alone", "gain", "95 % interval"]
     rows = []
     for name, one, word in (
         ("marks", proof.markers, "µm"),
@@ -356,7 +356,10 @@ def _what(finding: Result) -> Iterator[Block]:
     if answer.located:
         yield Heading("Where")
         yield table_of(
-            "Where arm and model differ, strongest first.",
+            "Where arm and model differ, strongest first. Share: of the squares of what "
+            "the effects of each place displace by themselves, over their noise; what "
+            "two places displace alike counts at both. A name's share, elsewhere, is "
+            "what it adds to all names together.",
             answer.located,
             {
                 "place": lambda x: x.where,
