@@ -282,6 +282,21 @@ def test_names_are_those_of_the_field(file):
     assert found == []
 
 
+PARAMETERS = {
+    **{"gauge": "mode", "stance": "state", "sight": "observed"},
+    **{"world": "simulation"},
+}
+"""Names of parameters whose types have been called otherwise."""
+
+
+@pytest.mark.parametrize("file", SOURCES)
+def test_parameters_are_called_as_their_types_are(file):
+    """Of all functions, those without a name too."""
+    every = (n for n in ast.walk(parsed(file)) if isinstance(n, ast.arg))
+    found = [f"{n.arg}: {PARAMETERS[n.arg]}" for n in every if n.arg in PARAMETERS]
+    assert found == []
+
+
 def test_every_exception_is_still_there():
     """What is gone needs no reason."""
     there = {f"{owner}.{name}" for file in SOURCES for owner, name, _ in names(file)}

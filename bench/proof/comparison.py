@@ -55,28 +55,30 @@ class ComparisonMode:
 
 
 def means_count(
-    world: ReplaySimulation, nominal: NominalState, patched: NominalState
+    simulation: ReplaySimulation, nominal: NominalState, patched: NominalState
 ) -> bool:
     """Return whether readings are compared as they are, means of visits included.
 
     The patched arm is the nominal one where nothing is to be proved.
     """
-    if world.recording.displacement != "absolute":
+    if simulation.recording.displacement != "absolute":
         return False
     own = [e for e in patched.rig.effects if e not in nominal.rig.effects]
     if any(_shows_in_means_alone(effect) for effect in own):
         return True
-    every = comparison_mode_of(world, True, np.ones(world.replay.rows, dtype=bool))
-    seen = world.see(patched)
+    every = comparison_mode_of(
+        simulation, True, np.ones(simulation.replay.rows, dtype=bool)
+    )
+    seen = simulation.see(patched)
     if own:  # what it does to readings
-        away = residual_of(world, world.see(nominal), every)
-        away = away - residual_of(world, seen, every)
+        away = residual_of(simulation, simulation.see(nominal), every)
+        away = away - residual_of(simulation, seen, every)
     elif seen.point.size:  # where markers go
         away = np.reshape(seen.point, (len(seen.point), -1))
     else:
         return False
-    sigma = sigma_of(world, every)[: away.shape[1]]
-    within = centred(away, world.replay.visit, every.keep) / sigma
+    sigma = sigma_of(simulation, every)[: away.shape[1]]
+    within = centred(away, simulation.replay.visit, every.keep) / sigma
     return float(np.nansum(within**2)) < FAINT
 
 
@@ -86,22 +88,22 @@ scatter no more than the noise; chosen: errors of their own are then no larger."
 
 
 def means_are_explained(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     left: Float[np.ndarray, "rows readings"],
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
 ) -> bool:
     """Return whether noise explains the means of visits in residuals of all rows."""
-    points = 3 * len(world.recording.markers)
-    if world.recording.displacement != "absolute" or not points:
+    points = 3 * len(simulation.recording.markers)
+    if simulation.recording.displacement != "absolute" or not points:
         return False
-    left = left[gauge.keep, :points]
-    visit, good = world.replay.visit[gauge.keep], np.isfinite(left)
+    left = left[mode.keep, :points]
+    visit, good = simulation.replay.visit[mode.keep], np.isfinite(left)
     count = int(visit.max()) + 1
     number, total = np.zeros((2, count, points))
     np.add.at(number, visit, good.astype(float))
     np.add.at(total, visit, np.where(good, left, 0.0))
     read = number > 0
-    square = total[read] ** 2 / number[read] / gauge.sigma**2
+    square = total[read] ** 2 / number[read] / mode.sigma**2
     return float(np.mean(square)) < SCATTERED
 
 
@@ -111,10 +113,10 @@ def _shows_in_means_alone(effect: Effect) -> bool:
 
 
 def comparison_mode_of(
-    world: ReplaySimulation, absolute: bool, keep: np.ndarray
+    simulation: ReplaySimulation, absolute: bool, keep: np.ndarray
 ) -> ComparisonMode:
     """Return how a recording's readings are compared."""
-    recording = world.recording
+    recording = simulation.recording
     sigma, frames = 1e-5, 1.0
     if recording.tracker is not None:
         sigma = float(np.sqrt(np.mean(recording.tracker.repeatability**2)))
@@ -125,31 +127,31 @@ def comparison_mode_of(
 
 
 def residual_of(
-    world: ReplaySimulation, seen: SimulatedReadings, gauge: ComparisonMode
+    simulation: ReplaySimulation, seen: SimulatedReadings, mode: ComparisonMode
 ) -> np.ndarray:
     """Return residuals of markers, then of angles, (rows, readings); NaN = not seen."""
     left = np.reshape(seen.residual, (len(seen.residual), -1))
     if seen.angle is not None:
         left = np.hstack([left, seen.angle])
-    return less_means(left, world, gauge)
+    return less_means(left, simulation, mode)
 
 
 def less_means(
-    values: np.ndarray, world: ReplaySimulation, gauge: ComparisonMode
+    values: np.ndarray, simulation: ReplaySimulation, mode: ComparisonMode
 ) -> np.ndarray:
     """Return values of all rows, less means of visits where these do not count."""
-    if gauge.absolute:
+    if mode.absolute:
         return values
-    return centred(values, world.replay.visit, gauge.keep)
+    return centred(values, simulation.replay.visit, mode.keep)
 
 
 def sigma_of(
-    world: ReplaySimulation, gauge: ComparisonMode
+    simulation: ReplaySimulation, mode: ComparisonMode
 ) -> Float[np.ndarray, " readings"]:
     """Return one sigma of each entry of a row's residual."""
-    sigma = np.full(3 * len(world.recording.markers), gauge.sigma)
-    if world.recording.link_posture is not None:
-        angles = np.full(len(world.order), gauge.angle_sigma)
+    sigma = np.full(3 * len(simulation.recording.markers), mode.sigma)
+    if simulation.recording.link_posture is not None:
+        angles = np.full(len(simulation.order), mode.angle_sigma)
         sigma = np.concatenate([sigma, angles])
     return sigma
 
@@ -183,7 +185,7 @@ def bodies_in_6d(recording: Recording) -> tuple[tuple[int, ...], ...]:
 
 
 def turns_of(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     seen: SimulatedReadings,
     residual: Float[np.ndarray, "rows readings"],
     mode: ComparisonMode,
@@ -193,14 +195,14 @@ def turns_of(
     Returns:
         Both in rad²; NaN where fewer than three marks were seen, or marks in line.
     """
-    recording, groups = world.recording, bodies_in_6d(world.recording)
+    recording, groups = simulation.recording, bodies_in_6d(simulation.recording)
     left = np.reshape(residual[:, : 3 * len(recording.markers)], seen.point.shape)
     square = np.full((len(left), len(groups)), np.nan)
     noise = square.copy()
     share = np.ones(len(left))
     if not mode.absolute:
-        _, counts = np.unique(world.replay.visit, return_counts=True)
-        share = 1.0 - 1.0 / counts[world.replay.visit]
+        _, counts = np.unique(simulation.replay.visit, return_counts=True)
+        share = 1.0 - 1.0 / counts[simulation.replay.visit]
     for g, own in enumerate(groups):
         use = np.isfinite(left[:, own]).all(axis=2, keepdims=True)
         number = np.maximum(use.sum(axis=1, keepdims=True), 1)

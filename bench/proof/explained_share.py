@@ -45,10 +45,10 @@ from bench.shared.settings import SETTINGS, Interval
 
 
 def floor_of(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
     seen: SimulatedReadings,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
 ) -> tuple[Float[np.ndarray, " rows"], float]:
     """Return the mean square that noise leaves on a marker and on an encoder.
 
@@ -58,29 +58,29 @@ def floor_of(
     Returns:
         Of a marker in every row, 3-D, in m²; of an angle, in rad².
     """
-    recording = world.recording
-    rows = world.replay.rows
+    recording = simulation.recording
+    rows = simulation.replay.rows
     frames = np.ones(rows) if recording.frames is None else recording.frames
     square = np.zeros(rows)
     if recording.tracker is not None:
         square = np.sum(np.asarray(recording.tracker.repeatability) ** 2) / frames
     share = np.ones(rows)
-    if not gauge.absolute:
-        _, counts = np.unique(world.replay.visit, return_counts=True)
-        share = 1.0 - 1.0 / counts[world.replay.visit]
+    if not mode.absolute:
+        _, counts = np.unique(simulation.replay.visit, return_counts=True)
+        share = 1.0 - 1.0 / counts[simulation.replay.visit]
     square = square * share
-    gears = _through_the_gears(world, assumed, gauge)
-    square = square + gears * _true_part(world, seen, gauge, square, gears)
-    wrench = _through_the_wrench(world, assumed, seen) * share
-    square = square + wrench * _true_part(world, seen, gauge, square, wrench)
+    gears = _through_the_gears(simulation, assumed, mode)
+    square = square + gears * _true_part(simulation, seen, mode, square, gears)
+    wrench = _through_the_wrench(simulation, assumed, seen) * share
+    square = square + wrench * _true_part(simulation, seen, mode, square, wrench)
     angle = recording.encoder_repeatability or 0.0
     return square, float(np.mean(angle**2 * share))
 
 
 def _true_part(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     seen: SimulatedReadings,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
     sure: Float[np.ndarray, " rows"],
     more: Float[np.ndarray, " rows"],
 ) -> float:
@@ -92,12 +92,12 @@ def _true_part(
     """
     if not more.any():
         return 1.0
-    points = 3 * len(world.recording.markers)
-    left = residual_of(world, seen, gauge)[gauge.keep, :points] ** 2
+    points = 3 * len(simulation.recording.markers)
+    left = residual_of(simulation, seen, mode)[mode.keep, :points] ** 2
     read = np.isfinite(left).sum(axis=1) / 3.0
-    pose = np.unique(world.recording.posture_id[gauge.keep], return_inverse=True)[1]
-    room = np.bincount(pose, np.nansum(left, axis=1) - read * sure[gauge.keep])
-    stated = np.bincount(pose, read * more[gauge.keep])
+    pose = np.unique(simulation.recording.posture_id[mode.keep], return_inverse=True)[1]
+    room = np.bincount(pose, np.nansum(left, axis=1) - read * sure[mode.keep])
+    stated = np.bincount(pose, read * more[mode.keep])
     if len(room) < 2 or not stated.any():
         return 1.0
     part = float(room.sum() / stated.sum())
@@ -106,22 +106,22 @@ def _true_part(
 
 
 def _through_the_wrench(
-    world: ReplaySimulation, assumed: NominalState, seen: SimulatedReadings
+    simulation: ReplaySimulation, assumed: NominalState, seen: SimulatedReadings
 ) -> np.ndarray:
-    spec = world.recording.wrench_sensor
+    spec = simulation.recording.wrench_sensor
     rows, markers = seen.point.shape[:2]
-    if spec is None or world.recording.wrench is None or not markers:
+    if spec is None or simulation.recording.wrench is None or not markers:
         return np.zeros(rows)
     rig, states = assumed.rig, seen.states
-    base, turn = world.base
+    base, turn = simulation.base
     sensor = states.position[:, states.bodies.index("load_point")]
     sensor = (sensor - base) @ turn
     unit = np.ones((rows, len(rig.springs)))
     answer = np.zeros((rows, markers, 3, 6))
-    for k in world.order:
+    for k in simulation.order:
         if rig.springs[k] >= RIGID:
             continue
-        screw = turned_by(world, rig, seen, int(k), unit)
+        screw = turned_by(simulation, rig, seen, int(k), unit)
         joint = rig.nominal.joint(rig.anatomy.axes[k])
         b = states.bodies.index(rig.anatomy.links[k])
         along = states.rotation[:, b] @ joint.axis @ turn
@@ -136,27 +136,27 @@ def _through_the_wrench(
 
 
 def _through_the_gears(
-    world: ReplaySimulation, assumed: NominalState, gauge: ComparisonMode
+    simulation: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
 ) -> Float[np.ndarray, " rows"]:
     """Return the mean square that unknown states of gears at arrival make, in m².
 
     Of a marker, 3-D, about the mean over `STARTS`; gears arrive independently.
     """
-    square, untold = np.zeros(world.replay.rows), world.untold(assumed.rig)
+    square, untold = np.zeros(simulation.replay.rows), simulation.untold(assumed.rig)
     if not untold:
         return square
     rig, rest = assumed.rig, dict.fromkeys(untold, 0.0)
-    told = world.states(rig).initial
+    told = simulation.states(rig).initial
 
     def points(start: Mapping[str, float]) -> np.ndarray:
-        states = world.responded(rig, world.begun(rig, told, start))
-        return world.points(rig, states, assumed.marker_positions)
+        states = simulation.responded(rig, simulation.begun(rig, told, start))
+        return simulation.points(rig, states, assumed.marker_positions)
 
     at_rest = points(rest)
     for axis in untold:
         every = [points({**rest, axis: s}) if s else at_rest for s in STARTS]
         for moved in every - np.mean(every, axis=0):
-            away = less_means(moved, world, gauge)
+            away = less_means(moved, simulation, mode)
             square += np.mean(np.sum(away**2, axis=2), axis=1) / len(STARTS)
     return square
 
@@ -244,18 +244,18 @@ class FoldPrediction:
     """Both arms as fitted without some rows, which they are judged on.
 
     Attributes:
-        gauge: How readings are compared, with the rows that were fitted.
+        mode: How readings are compared, with the rows that were fitted.
         held: The rows that are judged.
     """
 
     nominal: NominalState
     patched: NominalState
-    gauge: ComparisonMode
+    mode: ComparisonMode
     held: Bool[np.ndarray, " rows"]
 
 
 def channels_of(
-    world: ReplaySimulation, predictions: Sequence[FoldPrediction]
+    simulation: ReplaySimulation, predictions: Sequence[FoldPrediction]
 ) -> tuple[Channel | None, Channel | None, Channel | None]:
     """Return what markers, encoders and bodies' turns say on the rows held out.
 
@@ -265,13 +265,20 @@ def channels_of(
         return None, None, None
     pieces: tuple[list, list, list] = ([], [], [])
     for fold in predictions:
-        held, bare, seen = fold.held, world.see(fold.nominal), world.see(fold.patched)
-        first, last = (residual_of(world, x, fold.gauge) for x in (bare, seen))
-        turned, quiet_turns = turns_of(world, seen, last, fold.gauge)
-        before = (*squares(world, first), turns_of(world, bare, first, fold.gauge)[0])
-        after = (*squares(world, last), turned)
-        floor = (*floor_of(world, fold.patched, seen, fold.gauge), quiet_turns)
-        pose = world.recording.posture_id[held]
+        held, bare, seen = (
+            fold.held,
+            simulation.see(fold.nominal),
+            simulation.see(fold.patched),
+        )
+        first, last = (residual_of(simulation, x, fold.mode) for x in (bare, seen))
+        turned, quiet_turns = turns_of(simulation, seen, last, fold.mode)
+        before = (
+            *squares(simulation, first),
+            turns_of(simulation, bare, first, fold.mode)[0],
+        )
+        after = (*squares(simulation, last), turned)
+        floor = (*floor_of(simulation, fold.patched, seen, fold.mode), quiet_turns)
+        pose = simulation.recording.posture_id[held]
         for own, one, other, noise in zip(pieces, before, after, floor, strict=True):
             each = noise if np.ndim(noise) == 2 else np.reshape(noise, (-1, 1))
             quiet = np.broadcast_to(each, one.shape)

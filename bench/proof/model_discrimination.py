@@ -40,14 +40,14 @@ class Experiment:
 
 
 def candidates(
-    world: ReplaySimulation, assumed: NominalState, count: int = 16
+    simulation: ReplaySimulation, assumed: NominalState, count: int = 16
 ) -> list[Experiment]:
     """Return visits that can surely be made: poses and pulls that were made before.
 
     The sensor's pull is that of the arm that is assumed; poses are taken evenly.
     """
-    recording = world.recording
-    wrench = world.wrench(assumed.rig)
+    recording = simulation.recording
+    wrench = simulation.wrench(assumed.rig)
     size = np.linalg.norm(wrench[:, :3], axis=1)
     if size.max() <= 0.0:
         return []
@@ -85,7 +85,7 @@ def paths(mass: float) -> tuple[tuple[float, ...], ...]:
 
 
 def expected(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     one: NominalState,
     other: NominalState,
     experiments: Sequence[Experiment],
@@ -100,25 +100,27 @@ def expected(
     for length in lengths:
         index = [i for i, e in enumerate(experiments) if len(e.path) == length]
         some = [experiments[i] for i in index]
-        seen = [_displacement(world, assumed, some) for assumed in (one, other)]
+        seen = [_displacement(simulation, assumed, some) for assumed in (one, other)]
         for i, a, b in zip(index, *seen, strict=True):
             factor[i] = _distance(a, b) / (2.0 * sigma**2)
     return factor
 
 
 def _displacement(
-    world: ReplaySimulation, assumed: NominalState, experiments: Sequence[Experiment]
+    simulation: ReplaySimulation,
+    assumed: NominalState,
+    experiments: Sequence[Experiment],
 ) -> Float[np.ndarray, "visits readings"]:
     """Return what marks would do, each less its mean over the visit, in m."""
     rig = assumed.rig
     posture = np.zeros((len(experiments), len(rig.springs)))
-    posture[:, world.order] = [e.posture for e in experiments]
+    posture[:, simulation.order] = [e.posture for e in experiments]
     path = np.array([e.path for e in experiments])
     unit = np.array([e.unit for e in experiments])
     wrench = GRAVITY * path[:, :, None] * unit[:, None]
     same = np.diff(path, axis=1, prepend=-1.0) == 0.0
     states = rig.respond(posture, wrench, np.where(same, DWELL, HOLD))
-    point = world.points(assumed.rig, states, assumed.marker_positions)
+    point = simulation.points(assumed.rig, states, assumed.marker_positions)
     point = point.reshape(*path.shape, -1)
     return (point - point.mean(axis=1, keepdims=True)).reshape(len(path), -1)
 

@@ -62,50 +62,55 @@ class SimulatedJacobian:
 
 
 def simulated_jacobian(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
     seen: SimulatedReadings,
     places: bool,
 ) -> SimulatedJacobian:
     """Return the columns of all nuisance parameters."""
     rig = assumed.rig
-    axes = tuple(int(k) for k in world.order if rig.springs[k] < RIGID)
+    axes = tuple(int(k) for k in simulation.order if rig.springs[k] < RIGID)
     rows = len(seen.point)
-    blocks = [turned_by(world, rig, seen, k, wind_up(world, rig, seen)) for k in axes]
+    blocks = [
+        turned_by(simulation, rig, seen, k, wind_up(simulation, rig, seen))
+        for k in axes
+    ]
     prior = [DECADE] * len(axes)
     every = np.ones(rows, dtype=bool)
-    more, sigma = framing(world, assumed, seen, places, every)
+    more, sigma = framing(simulation, assumed, seen, places, every)
     blocks += more
     prior += sigma
     stacked = [np.reshape(block, (rows, -1)) for block in blocks]
     if seen.angle is not None:
-        angles = [_on_encoders(world, rig, seen, k) for k in axes]
+        angles = [_on_encoders(simulation, rig, seen, k) for k in axes]
         angles += [np.zeros(seen.angle.shape)] * (len(stacked) - len(angles))
         stacked = [np.hstack(pair) for pair in zip(stacked, angles, strict=True)]
-    readings = 3 * len(world.body) + (0 if seen.angle is None else len(world.order))
+    readings = 3 * len(simulation.body) + (
+        0 if seen.angle is None else len(simulation.order)
+    )
     none = np.zeros((rows, readings, 0))  # no spring, and nothing else unknown
     matrix = np.stack(stacked, axis=2) if stacked else none
-    return SimulatedJacobian(matrix, np.array(prior), axes, is_framed(world))
+    return SimulatedJacobian(matrix, np.array(prior), axes, is_framed(simulation))
 
 
-def is_framed(world: ReplaySimulation) -> bool:
+def is_framed(simulation: ReplaySimulation) -> bool:
     """Return whether the tracker's frame is unknown, and fitted."""
-    recording = world.recording
+    recording = simulation.recording
     return recording.base_from_tracker is None and bool(recording.markers)
 
 
 def framing(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
     seen: SimulatedReadings,
     places: bool,
     rows: Bool[np.ndarray, " rows"],
 ) -> tuple[list[np.ndarray], list[float]]:
     """Return what frame and places do to markers in some rows, and their priors."""
-    recording, point = world.recording, seen.point[rows]
+    recording, point = simulation.recording, seen.point[rows]
     blocks, prior = [], []
     relative = recording.displacement == "relative"
-    if is_framed(world):
+    if is_framed(simulation):
         about = point
         if relative and recording.points is not None:
             about = recording.points[rows] @ assumed.turn.T
@@ -113,9 +118,9 @@ def framing(
         blocks += [np.cross(e, about) for e in np.eye(3)]
         prior += [UNKNOWN] * 6
     if places and not relative:
-        states, base_turn = seen.states, world.base[1]
+        states, base_turn = seen.states, simulation.base[1]
         for m, marker in enumerate(recording.markers):
-            b = states.bodies.index(world.body[m])
+            b = states.bodies.index(simulation.body[m])
             turn = base_turn.T @ states.rotation[rows, b]
             for i in range(3):
                 block = np.zeros(point.shape)
@@ -126,7 +131,7 @@ def framing(
 
 
 def turned_by(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     rig: Rig,
     seen: SimulatedReadings,
     k: int,
@@ -134,7 +139,7 @@ def turned_by(
 ) -> Float[np.ndarray, "rows markers 3"]:
     """Return how markers move when axis k turns by small angles, in m."""
     states, model, arm = seen.states, rig.nominal, rig.anatomy
-    base, turn = world.base
+    base, turn = simulation.base
     joint, b = model.joint(arm.axes[k]), states.bodies.index(arm.links[k])
     at = states.position[:, b] + states.rotation[:, b] @ joint.pos
     at = (at - base) @ turn
@@ -142,17 +147,17 @@ def turned_by(
     block = np.broadcast_to(along[:, None], seen.point.shape)
     if not arm.slides[k]:
         block = np.cross(along[:, None], seen.point - at[:, None])
-    moves = carried(model, arm.links[k], world.body)
+    moves = carried(model, arm.links[k], simulation.body)
     return block * angle[:, k, None, None] * moves[:, None]
 
 
 def wind_up(
-    world: ReplaySimulation, rig: Rig, seen: SimulatedReadings
+    simulation: ReplaySimulation, rig: Rig, seen: SimulatedReadings
 ) -> Float[np.ndarray, "rows axes"]:
     """Return by how much every axis of the arm is wound, in rad."""
     posture = np.zeros_like(seen.states.axis_angle)
-    posture[:, world.order] = world.recording.posture
-    moves = world.recording.moves.of_axes(world.order, posture.shape[1])
+    posture[:, simulation.order] = simulation.recording.posture
+    moves = simulation.recording.moves.of_axes(simulation.order, posture.shape[1])
     return seen.states.axis_angle - rig.command(posture, moves).reference
 
 
@@ -165,10 +170,10 @@ def carried(
 
 
 def _on_encoders(
-    world: ReplaySimulation, rig: Rig, seen: SimulatedReadings, k: int
+    simulation: ReplaySimulation, rig: Rig, seen: SimulatedReadings, k: int
 ) -> np.ndarray:
-    block = np.zeros((len(seen.point), len(world.order)))
-    block[:, world.order.tolist().index(k)] = wind_up(world, rig, seen)[:, k]
+    block = np.zeros((len(seen.point), len(simulation.order)))
+    block[:, simulation.order.tolist().index(k)] = wind_up(simulation, rig, seen)[:, k]
     return block
 
 
@@ -179,38 +184,44 @@ SEVERE = 4.5
 
 
 def fitted(
-    world: ReplaySimulation, start: NominalState, gauge: ComparisonMode, rounds: int = 3
+    simulation: ReplaySimulation,
+    start: NominalState,
+    mode: ComparisonMode,
+    rounds: int = 3,
 ) -> NominalState:
     """Fit what is nominal by Gauss-Newton in the simulator."""
     assumed = start
     for _ in range(rounds):
-        if not gauge.absolute:
-            assumed = framed(world, assumed, gauge)
-        seen = world.see(assumed)
-        columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
-        left = residual_of(world, seen, gauge)
-        step = solved(columns.matrix, columns.prior, left, world, gauge)
+        if not mode.absolute:
+            assumed = framed(simulation, assumed, mode)
+        seen = simulation.see(assumed)
+        columns = simulated_jacobian(simulation, assumed, seen, mode.absolute)
+        left = residual_of(simulation, seen, mode)
+        step = solved(columns.matrix, columns.prior, left, simulation, mode)
         assumed = stepped(assumed, columns, step)
-    return assumed if gauge.absolute else framed(world, assumed, gauge)
+    return assumed if mode.absolute else framed(simulation, assumed, mode)
 
 
 def framed(
-    world: ReplaySimulation, assumed: NominalState, gauge: ComparisonMode
+    simulation: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
 ) -> NominalState:
     """Fit frame and places alone, to the first row of every visit."""
-    if world.recording.displacement == "relative" or not world.recording.markers:
+    if (
+        simulation.recording.displacement == "relative"
+        or not simulation.recording.markers
+    ):
         return assumed
-    seen = world.see(assumed)
-    rows = np.zeros(len(gauge.keep), dtype=bool)
-    rows[np.unique(world.first_rows())] = True
-    rows &= gauge.keep
-    blocks, prior = framing(world, assumed, seen, True, rows)
+    seen = simulation.see(assumed)
+    rows = np.zeros(len(mode.keep), dtype=bool)
+    rows[np.unique(simulation.first_rows())] = True
+    rows &= mode.keep
+    blocks, prior = framing(simulation, assumed, seen, True, rows)
     if not blocks:
         return assumed
     matrix = np.stack([np.reshape(b, (rows.sum(), -1)) for b in blocks], axis=2)
     left = np.reshape(seen.residual[rows], (rows.sum(), -1))
-    step = least_squares(matrix, np.array(prior), left, gauge.sigma)
-    columns = SimulatedJacobian(matrix, np.array(prior), (), is_framed(world))
+    step = least_squares(matrix, np.array(prior), left, mode.sigma)
+    columns = SimulatedJacobian(matrix, np.array(prior), (), is_framed(simulation))
     return stepped(assumed, columns, step)
 
 
@@ -218,8 +229,8 @@ def solved(
     matrix: Float[np.ndarray, "rows readings parameters"],
     prior: Float[np.ndarray, " parameters"],
     residual: Float[np.ndarray, "rows readings"],
-    world: ReplaySimulation,
-    gauge: ComparisonMode,
+    simulation: ReplaySimulation,
+    mode: ComparisonMode,
     moved: Float[np.ndarray, " parameters"] | None = None,
 ) -> Float[np.ndarray, " parameters"]:
     """Return the step of parameters that makes residuals smallest.
@@ -227,8 +238,8 @@ def solved(
     The prior has one sigma of each about its prior mean, from which `moved` says how
     far it stands already; residuals are NaN where nothing was read.
     """
-    matrix, rows = less_means(matrix, world, gauge), gauge.keep
-    sigma = sigma_of(world, gauge)
+    matrix, rows = less_means(matrix, simulation, mode), mode.keep
+    sigma = sigma_of(simulation, mode)
     return least_squares(matrix[rows], prior, residual[rows], sigma, moved)
 
 
@@ -286,7 +297,7 @@ FAINT = 0.02
 
 
 def joint_rotation_estimates(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
     seen: SimulatedReadings,
     residual: Float[np.ndarray, "rows markers 3"],
@@ -296,7 +307,7 @@ def joint_rotation_estimates(
     unit = np.ones((len(residual), len(rig.springs)))
     good = np.isfinite(residual).all(axis=2, keepdims=True)
     left = np.where(good, residual, 0.0).reshape(len(residual), -1)
-    blocks = [turned_by(world, rig, seen, int(k), unit) for k in world.order]
+    blocks = [turned_by(simulation, rig, seen, int(k), unit) for k in simulation.order]
     screws = np.stack([np.where(good, b, 0.0).reshape(left.shape) for b in blocks], 2)
     inner = screws.swapaxes(1, 2) @ screws
     inner = inner + FAINT**2 * np.eye(inner.shape[1])
@@ -305,8 +316,8 @@ def joint_rotation_estimates(
 
 
 def torques_of(
-    world: ReplaySimulation, assumed: NominalState, seen: SimulatedReadings
+    simulation: ReplaySimulation, assumed: NominalState, seen: SimulatedReadings
 ) -> Float[np.ndarray, "rows axes"]:
     """Return the torque about each axis of an arm with nothing but springs, in N m."""
     rig = assumed.rig
-    return (wind_up(world, rig, seen) * rig.springs)[:, world.order]
+    return (wind_up(simulation, rig, seen) * rig.springs)[:, simulation.order]

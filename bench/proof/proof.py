@@ -137,33 +137,35 @@ def prove(
     rig = rig_of(patch, arm_file)
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
-    world = replay_simulation_of(recording, rig, own)
-    world = world.remembering(patch)
+    simulation = replay_simulation_of(recording, rig, own)
+    simulation = simulation.remembering(patch)
     held = np.isin(recording.posture_id, held_out)
     start = _start(recording, patch, rig)
     unpatched = replace(start, rig=bare)
-    gauge = comparison_mode_of(world, means_count(world, unpatched, start), ~held)
-    nominal = fitted(world, unpatched, gauge, FIRST_ROUNDS + 2)
+    mode = comparison_mode_of(
+        simulation, means_count(simulation, unpatched, start), ~held
+    )
+    nominal = fitted(simulation, unpatched, mode, FIRST_ROUNDS + 2)
     patched, sensitivity, errors = nominal, None, None
     if own:
-        patched = fitted(world, start, gauge, FIRST_ROUNDS)
-        done = refined(world, patched, gauge, sigmas)
+        patched = fitted(simulation, start, mode, FIRST_ROUNDS)
+        done = refined(simulation, patched, mode, sigmas)
         patched, sensitivity = done.assumed, done.sensitivity
-        errors = spring_errors(world, done)
+        errors = spring_errors(simulation, done)
     tried = tuple(e for e in patched.rig.effects if e not in bare.effects)
-    predictions = [FoldPrediction(nominal, patched, gauge, held)]
+    predictions = [FoldPrediction(nominal, patched, mode, held)]
     if sensitivity is not None:
         known = sigmas, sensitivity
         predictions += [
-            _of_fold(world, nominal, patched, gauge, f, *known) for f in folds
+            _of_fold(simulation, nominal, patched, mode, f, *known) for f in folds
         ]
-    markers, angles, turns = channels_of(world, predictions)
+    markers, angles, turns = channels_of(simulation, predictions)
     judged = [*held_out, *(p for f in folds for p in f.held_out)]
     trials: list[ProofCheck] = []
     if thorough and sensitivity is not None:
-        trials += placebos(world, patched, tried, gauge, held)
-        used = replace(gauge, keep=np.ones(len(held), dtype=bool))
-        trials += left_outs(world, nominal, patched, sensitivity.matrix, used)
+        trials += placebos(simulation, patched, tried, mode, held)
+        used = replace(mode, keep=np.ones(len(held), dtype=bool))
+        trials += left_outs(simulation, nominal, patched, sensitivity.matrix, used)
     return Proof(
         held_out=tuple(int(p) for p in (judged if sensitivity else held_out)),
         markers=markers,
@@ -171,11 +173,11 @@ def prove(
         rotations=turns,
         trials=tuple(trials),
         budget=_budget(trials, markers or angles),
-        patch=_as_fitted(patch, patched, tried, world),
+        patch=_as_fitted(patch, patched, tried, simulation),
         nominal=nominal,
         patched=patched,
-        simulation=world,
-        mode=gauge,
+        simulation=simulation,
+        mode=mode,
         sensitivity=sensitivity,
         folds=len(predictions),
         spring_errors=errors,
@@ -183,10 +185,10 @@ def prove(
 
 
 def _of_fold(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     nominal: NominalState,
     patched: NominalState,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
     fold: Fold,
     sigmas: Mapping[Place, float],
     known: Sensitivity,
@@ -195,9 +197,9 @@ def _of_fold(
 
     Tables without a name were learnt from the fold too, and are left out of it.
     """
-    held = np.isin(world.recording.posture_id, fold.held_out)
-    gauge = replace(gauge, keep=~held)
-    nominal = fitted(world, nominal, gauge, 1)
+    held = np.isin(simulation.recording.posture_id, fold.held_out)
+    mode = replace(mode, keep=~held)
+    nominal = fitted(simulation, nominal, mode, 1)
     bare = nominal.rig.effects
     own = [
         e
@@ -206,8 +208,8 @@ def _of_fold(
     ]
     if own:
         start = with_effects(patched, (*bare, *own))
-        patched = refined(world, start, gauge, sigmas, known).assumed
-    return FoldPrediction(nominal, patched if own else nominal, gauge, held)
+        patched = refined(simulation, start, mode, sigmas, known).assumed
+    return FoldPrediction(nominal, patched if own else nominal, mode, held)
 
 
 def _thinned(recording: Recording, carried: bool) -> Recording:
@@ -258,7 +260,10 @@ def _budget(trials: Sequence[ProofCheck], channel: Channel | None) -> dict[str, 
 
 
 def _as_fitted(
-    patch: Patch, patched: NominalState, own: Sequence[Effect], world: ReplaySimulation
+    patch: Patch,
+    patched: NominalState,
+    own: Sequence[Effect],
+    simulation: ReplaySimulation,
 ) -> Patch:
     rig = patched.rig
     frame = transform_of(patched.turn, patched.shift)
@@ -267,7 +272,7 @@ def _as_fitted(
         axis: None if k >= RIGID else float(k)
         for axis, k in zip(rig.anatomy.axes, rig.springs, strict=True)
     }
-    pairs = zip(world.recording.markers, patched.marker_positions, strict=True)
+    pairs = zip(simulation.recording.markers, patched.marker_positions, strict=True)
     fitted_now = replace(
         patch,
         stiffness_nm_per_rad=springs,

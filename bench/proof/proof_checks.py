@@ -50,11 +50,11 @@ class ProofCheck:
 
 
 def left_outs(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     nominal: NominalState,
     patched: NominalState,
     slope: np.ndarray,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
 ) -> Iterator[ProofCheck]:
     """Try the patch on loads and postures that nothing was fitted to.
 
@@ -62,23 +62,23 @@ def left_outs(
     """
     laid = []
     for assumed, own in ((nominal, None), (patched, slope)):
-        seen = world.see(assumed)
-        columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
+        seen = simulation.see(assumed)
+        columns = simulated_jacobian(simulation, assumed, seen, mode.absolute)
         matrix, prior = columns.matrix, columns.prior
         if own is not None and own.shape[2]:
             matrix = np.concatenate([matrix, own], axis=2)
             prior = np.concatenate([prior, np.ones(own.shape[2])])
         laid.append((matrix, prior, seen))
-    for what, out in groups(world.recording):
-        used = gauge.keep & out
-        kept = replace(gauge, keep=gauge.keep & ~out)
+    for what, out in groups(simulation.recording):
+        used = mode.keep & out
+        kept = replace(mode, keep=mode.keep & ~out)
         if used.sum() < LEAST or kept.keep.sum() < LEAST:
             continue
         sizes = [
-            rms(world, predicted(matrix, prior, seen, world, kept), used)
+            rms(simulation, predicted(matrix, prior, seen, simulation, kept), used)
             for matrix, prior, seen in laid
         ]
-        poses = len(np.unique(world.recording.posture_id[used]))
+        poses = len(np.unique(simulation.recording.posture_id[used]))
         yield ProofCheck("left_out", what, sizes[0], sizes[1], poses)
 
 
@@ -105,29 +105,29 @@ def groups(recording: Recording) -> Iterator[tuple[str, Bool[np.ndarray, " rows"
 
 
 def placebos(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     patched: NominalState,
     own: Sequence[Effect],
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
     held: np.ndarray,
 ) -> Iterator[ProofCheck]:
     """Put each effect on its neighbours, and take each out.
 
-    Rows are compared as the gauge says, with those that are fitted; `held` are judged.
+    Rows are compared as the mode says, with those that are fitted; `held` are judged.
     """
-    some = some_of(world, held)
-    world, held = world.part(some), held[some]
-    gauge = replace(gauge, keep=gauge.keep[some])
-    after = refitted(world, patched, world.see(patched), gauge, held)
-    poses = len(np.unique(world.recording.posture_id[held]))
+    some = some_of(simulation, held)
+    simulation, held = simulation.part(some), held[some]
+    mode = replace(mode, keep=mode.keep[some])
+    after = refitted(simulation, patched, simulation.see(patched), mode, held)
+    poses = len(np.unique(simulation.recording.posture_id[held]))
     tried: list[tuple[Effect, Effect | None]] = []
     for effect in own:
-        elsewhere = _at_adjacent_sites(world, patched, effect)
+        elsewhere = _at_adjacent_sites(simulation, patched, effect)
         tried += [(effect, None), *((effect, neighbour) for neighbour in elsewhere)]
     changes = [Change((e,), () if n is None else (n,)) for e, n in tried]
     sizes = {
-        i: refitted(world, assumed, seen, gauge, held)
-        for i, assumed, seen in simulate_changes(world, patched, changes)
+        i: refitted(simulation, assumed, seen, mode, held)
+        for i, assumed, seen in simulate_changes(simulation, patched, changes)
     }
     without = {id(e): sizes.get(i) for i, (e, n) in enumerate(tried) if n is None}
     for i, (effect, neighbour) in enumerate(tried):
@@ -142,42 +142,46 @@ def placebos(
         yield ProofCheck("placebo", what, size, sizes[i], poses)
 
 
-def some_of(world: ReplaySimulation, held: np.ndarray) -> Bool[np.ndarray, " rows"]:
+def some_of(
+    simulation: ReplaySimulation, held: np.ndarray
+) -> Bool[np.ndarray, " rows"]:
     """Return the rows held out and those of some other visits.
 
     All of them where gears remember: a visit then needs the one before it.
     """
-    if "carried" in (world.memory, *world.memories.values()):
+    if "carried" in (simulation.memory, *simulation.memories.values()):
         return np.ones(len(held), dtype=bool)
-    others = np.unique(world.replay.visit[~held])
+    others = np.unique(simulation.replay.visit[~held])
     every = max(1, -(-len(others) // ENOUGH))
-    return held | np.isin(world.replay.visit, others[::every])
+    return held | np.isin(simulation.replay.visit, others[::every])
 
 
 def refitted(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
     seen: SimulatedReadings,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
     held: np.ndarray,
 ) -> float:
     """Return the rms on held rows once what is nominal is fitted again."""
-    columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
-    after = predicted(columns.matrix, columns.prior, seen, world, gauge)
-    return rms(world, after, held)
+    columns = simulated_jacobian(simulation, assumed, seen, mode.absolute)
+    after = predicted(columns.matrix, columns.prior, seen, simulation, mode)
+    return rms(simulation, after, held)
 
 
-def rms(world: ReplaySimulation, residual: np.ndarray, rows: np.ndarray) -> float:
+def rms(simulation: ReplaySimulation, residual: np.ndarray, rows: np.ndarray) -> float:
     """Return the rms of markers, 3-D in m; of angles in rad where there are none."""
-    square = squares(world, residual)[0 if world.recording.markers else 1][rows]
+    square = squares(simulation, residual)[0 if simulation.recording.markers else 1][
+        rows
+    ]
     return float(np.sqrt(np.nanmean(square))) if np.isfinite(square).any() else np.nan
 
 
 def squares(
-    world: ReplaySimulation, residual: Float[np.ndarray, "rows readings"]
+    simulation: ReplaySimulation, residual: Float[np.ndarray, "rows readings"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return squares of markers (rows, markers) in m² and angles (rows, axes), rad²."""
-    markers = len(world.recording.markers)
+    markers = len(simulation.recording.markers)
     points = residual[:, : 3 * markers].reshape(len(residual), markers, 3)
     return np.sum(points**2, axis=2), residual[:, 3 * markers :] ** 2
 
@@ -193,7 +197,7 @@ def _cluster(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def _at_adjacent_sites(
-    world: ReplaySimulation, assumed: NominalState, effect: Effect
+    simulation: ReplaySimulation, assumed: NominalState, effect: Effect
 ) -> list[Effect]:
     if not {"axis", "link"} & set(effect.places):
         return []

@@ -80,7 +80,7 @@ def with_change(assumed: NominalState, *changes: Change) -> NominalState:
 
 
 def simulate_changes(
-    world: ReplaySimulation, assumed: NominalState, changes: Sequence[Change]
+    simulation: ReplaySimulation, assumed: NominalState, changes: Sequence[Change]
 ) -> Iterator[tuple[int, NominalState, SimulatedReadings]]:
     """Simulate an arm with each of many changes by itself.
 
@@ -89,28 +89,28 @@ def simulate_changes(
     """
     arm = assumed.rig.anatomy
     sites = [_axes_of(change, arm) for change in changes]
-    alone, base = len(changes) <= FEW, world.states(assumed.rig)
+    alone, base = len(changes) <= FEW, simulation.states(assumed.rig)
     for group in _groups([frozenset() if alone else s for s in sites]):
         together = with_change(assumed, *(changes[i] for i in group))
-        run = _run(world, together, base) if len(group) > 1 else None
+        run = _run(simulation, together, base) if len(group) > 1 else None
         for i in group:
             try:
                 one = with_change(assumed, changes[i])
                 if run is None:
-                    states = world.states(one.rig, keep=False, about=base)
+                    states = simulation.states(one.rig, keep=False, about=base)
                 else:
                     states = _moved_at(base, run, together, sites[i])
-                yield i, one, world.read(one, states)
+                yield i, one, simulation.read(one, states)
             except BenchError:
                 continue
 
 
 def _run(
-    world: ReplaySimulation, together: NominalState, base: States
+    simulation: ReplaySimulation, together: NominalState, base: States
 ) -> States | None:
     """Simulate; None where it cannot be, so that each change shows whether it can."""
     try:
-        return world.states(together.rig, keep=False, about=base)
+        return simulation.states(together.rig, keep=False, about=base)
     except BenchError:
         return None
 
@@ -305,7 +305,7 @@ def with_changed_parameters(
 
 
 def sensitivity(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
     parameters: Sequence[RefinedParameter],
     known: Sensitivity | None = None,
@@ -314,8 +314,10 @@ def sensitivity(
 
     What is known of some parameters is not simulated again.
     """
-    everything = ComparisonMode(True, 1.0, 1.0, np.ones(world.replay.rows, dtype=bool))
-    before = residual_of(world, world.see(assumed), everything)
+    everything = ComparisonMode(
+        True, 1.0, 1.0, np.ones(simulation.replay.rows, dtype=bool)
+    )
+    before = residual_of(simulation, simulation.see(assumed), everything)
     found = np.zeros((*before.shape, len(parameters)))
     places, possible, changes = [], [], []
     for i, parameter in enumerate(parameters):
@@ -334,8 +336,8 @@ def sensitivity(
             continue
         possible.append(i)
         changes.append(Change((own,), (effects[parameter.effect],)))
-    for i, _, seen in simulate_changes(world, assumed, changes):
-        after = residual_of(world, seen, everything)
+    for i, _, seen in simulate_changes(simulation, assumed, changes):
+        after = residual_of(simulation, seen, everything)
         found[..., possible[i]] = (before - after) / STEP
     return Sensitivity(tuple(parameters), tuple(places), found)
 
@@ -360,9 +362,9 @@ not hold the same arm; chosen."""
 
 
 def refined(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
     sigmas: Mapping[Place, float] = NONE_KNOWN,
     known: Sensitivity | None = None,
 ) -> Refinement:
@@ -381,37 +383,37 @@ def refined(
     They hold springs that a load hardly winds, and have nothing of their own to bend
     them by.
     """
-    found, sensitive = _refined_by(world, assumed, gauge, sigmas, known)
-    within = Refinement(found, sensitive, gauge)
-    if gauge.absolute or world.recording.displacement != "absolute":
+    found, sensitive = _refined_by(simulation, assumed, mode, sigmas, known)
+    within = Refinement(found, sensitive, mode)
+    if mode.absolute or simulation.recording.displacement != "absolute":
         return within
-    whole, seen = replace(gauge, absolute=True), world.see(found)
-    columns = _joint_jacobian(world, found, seen, whole, sensitive)
+    whole, seen = replace(mode, absolute=True), simulation.see(found)
+    columns = _joint_jacobian(simulation, found, seen, whole, sensitive)
     count = len(columns.prior)
-    most = chi_square(world, found, gauge)
+    most = chi_square(simulation, found, mode)
     most += count + DISAGREE * float(np.sqrt(2.0 * count))
 
     def agree(left: Float[np.ndarray, "rows readings"]) -> bool:
-        square = _square(world, less_means(left, world, gauge), gauge)
-        return square <= most and means_are_explained(world, left, whole)
+        square = _square(simulation, less_means(left, simulation, mode), mode)
+        return square <= most and means_are_explained(simulation, left, whole)
 
-    if not agree(predicted(columns.matrix, columns.prior, seen, world, whole)):
+    if not agree(predicted(columns.matrix, columns.prior, seen, simulation, whole)):
         return within
-    found, sensitive = _refined_by(world, found, whole, sigmas, sensitive)
-    if not agree(residual_of(world, world.see(found), whole)):
+    found, sensitive = _refined_by(simulation, found, whole, sigmas, sensitive)
+    if not agree(residual_of(simulation, simulation.see(found), whole)):
         return within
     return Refinement(found, sensitive, whole)
 
 
 def _joint_jacobian(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
     seen: SimulatedReadings,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
     known: Sensitivity,
 ) -> SimulatedJacobian:
     """Return the columns of all silent parameters, then those of effects' own."""
-    silent = simulated_jacobian(world, assumed, seen, gauge.absolute)
+    silent = simulated_jacobian(simulation, assumed, seen, mode.absolute)
     matrix = np.concatenate([silent.matrix, known.matrix], axis=2)
     own = [parameter.sigma for parameter in known.parameters]
     prior = np.concatenate([silent.prior, own])
@@ -419,9 +421,9 @@ def _joint_jacobian(
 
 
 def _refined_by(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     assumed: NominalState,
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
     sigmas: Mapping[Place, float],
     known: Sensitivity | None,
 ) -> tuple[NominalState, Sensitivity]:
@@ -432,12 +434,12 @@ def _refined_by(
     effect does is simulated anew where its parameters have moved far.
     """
     knobs = refined_parameters(assumed.rig.effects, sigmas)
-    sensitive = sensitivity(world, assumed, knobs, known)
-    at = _Refined(assumed, np.zeros(len(knobs)), chi_square(world, assumed, gauge))
+    sensitive = sensitivity(simulation, assumed, knobs, known)
+    at = _Refined(assumed, np.zeros(len(knobs)), chi_square(simulation, assumed, mode))
     simulated_at = at.from_start
     enough = ENOUGH * max(len(knobs), 1)
     for _ in range(ROUNDS):
-        cost, at = at.cost, _better(world, at, gauge, sensitive)
+        cost, at = at.cost, _better(simulation, at, mode, sensitive)
         gained, predicted = cost - at.cost, cost - at.predicted
         if predicted < enough:
             break
@@ -445,7 +447,7 @@ def _refined_by(
         if len(far) and gained < TRUSTED * predicted:
             own = {knobs[i].effect for i in far}
             others = sensitive.of_others(own)
-            sensitive = sensitivity(world, at.assumed, knobs, others)
+            sensitive = sensitivity(simulation, at.assumed, knobs, others)
             anew = np.array([knob.effect in own for knob in knobs])
             simulated_at = np.where(anew, at.from_start, simulated_at)
         elif gained < enough:
@@ -470,15 +472,15 @@ class _Refined:
 
 
 def _better(
-    world: ReplaySimulation, at: _Refined, gauge: ComparisonMode, known: Sensitivity
+    simulation: ReplaySimulation, at: _Refined, mode: ComparisonMode, known: Sensitivity
 ) -> _Refined:
     """Return where a Gauss-Newton step gains, shortened where it must be, or `at`."""
-    seen = world.see(at.assumed)
-    columns = _joint_jacobian(world, at.assumed, seen, gauge, known)
+    seen = simulation.see(at.assumed)
+    columns = _joint_jacobian(simulation, at.assumed, seen, mode, known)
     n = len(columns.prior) - len(at.from_start)
     since = np.concatenate([np.zeros(n), at.from_start])
-    left = residual_of(world, seen, gauge)
-    step = solved(columns.matrix, columns.prior, left, world, gauge, since)
+    left = residual_of(simulation, seen, mode)
+    step = solved(columns.matrix, columns.prior, left, simulation, mode, since)
     prior = columns.prior[n:]
     furthest = float(np.abs(step[n:]).max(initial=0.0))
     step *= MAX_STEP / max(furthest, MAX_STEP)
@@ -489,32 +491,34 @@ def _better(
             trial = stepped(at.assumed, columns, share * step[:n])
             effects = with_changed_parameters(trial.rig.effects, known.parameters, own)
             trial = with_effects(trial, effects)
-            if not gauge.absolute:
-                trial = framed(world, trial, gauge)
+            if not mode.absolute:
+                trial = framed(simulation, trial, mode)
             apart = float(np.sum((moved / prior) ** 2))
-            cost = chi_square(world, trial, gauge) + apart
+            cost = chi_square(simulation, trial, mode) + apart
         except BenchError:
             continue
         if cost < at.cost:
-            change = less_means(columns.matrix @ (share * step), world, gauge)
-            linear = _square(world, left - change, gauge) + apart
+            change = less_means(columns.matrix @ (share * step), simulation, mode)
+            linear = _square(simulation, left - change, mode) + apart
             return _Refined(trial, moved, cost, linear)
     return replace(at, predicted=-np.inf)
 
 
 def chi_square(
-    world: ReplaySimulation, assumed: NominalState, gauge: ComparisonMode
+    simulation: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
 ) -> float:
     """Return the sum of squared residuals in sigmas; far ones count as 6 sigmas."""
-    return _square(world, residual_of(world, world.see(assumed), gauge), gauge)
+    return _square(
+        simulation, residual_of(simulation, simulation.see(assumed), mode), mode
+    )
 
 
 def _square(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     residual: Float[np.ndarray, "rows readings"],
-    gauge: ComparisonMode,
+    mode: ComparisonMode,
 ) -> float:
-    share = residual[gauge.keep] / sigma_of(world, gauge)
+    share = residual[mode.keep] / sigma_of(simulation, mode)
     good = np.isfinite(share)
     if not good.any():
         return 0.0
@@ -523,7 +527,7 @@ def _square(
 
 
 def spring_errors(
-    world: ReplaySimulation, found: Refinement
+    simulation: ReplaySimulation, found: Refinement
 ) -> Float[np.ndarray, " axes"]:
     """Return one sigma of the logarithm of each axis' compliance; 0 where it is rigid.
 
@@ -531,19 +535,19 @@ def spring_errors(
     Poses are what is independent: where they scatter more than their readings' noise
     says, it is the variance of H⁻¹ Σ g of their scores g (White 1982).
     """
-    assumed, gauge = found.assumed, found.mode
-    seen = world.see(assumed)
-    columns = _joint_jacobian(world, assumed, seen, gauge, found.sensitivity)
-    sigma, parameters = sigma_of(world, gauge), len(columns.prior)
-    white = (residual_of(world, seen, gauge) / sigma)[gauge.keep]
-    shown = (less_means(columns.matrix, world, gauge) / sigma[:, None])[gauge.keep]
+    assumed, mode = found.assumed, found.mode
+    seen = simulation.see(assumed)
+    columns = _joint_jacobian(simulation, assumed, seen, mode, found.sensitivity)
+    sigma, parameters = sigma_of(simulation, mode), len(columns.prior)
+    white = (residual_of(simulation, seen, mode) / sigma)[mode.keep]
+    shown = (less_means(columns.matrix, simulation, mode) / sigma[:, None])[mode.keep]
     good = np.isfinite(white) & np.isfinite(shown).all(axis=2)
     shown, white = np.where(good[..., None], shown, 0.0), np.where(good, white, 0.0)
     flat = np.reshape(shown, (-1, parameters))
     gram = flat.T @ flat + np.diag(columns.prior**-2.0)
     scale = 1.0 / np.sqrt(np.diag(gram))
     covariance = np.linalg.inv(gram * scale * scale[:, None]) * scale * scale[:, None]
-    pose = np.unique(world.recording.posture_id[gauge.keep], return_inverse=True)[1]
+    pose = np.unique(simulation.recording.posture_id[mode.keep], return_inverse=True)[1]
     score = np.zeros((pose.max() + 1, parameters))
     np.add.at(score, pose, np.einsum("rnp,rn->rp", shown, white))
     moved = score @ covariance
@@ -562,14 +566,14 @@ def predicted(
     matrix: np.ndarray,
     prior: np.ndarray,
     seen: SimulatedReadings,
-    world: ReplaySimulation,
-    gauge: ComparisonMode,
+    simulation: ReplaySimulation,
+    mode: ComparisonMode,
 ) -> Float[np.ndarray, "rows readings"]:
     """Return the residual of all rows after a fit to those kept, to first order."""
-    step = solved(matrix, prior, residual_of(world, seen, gauge), world, gauge)
-    every = replace(gauge, keep=np.ones(len(gauge.keep), dtype=bool))
-    change = less_means(matrix @ step, world, every)
-    return residual_of(world, seen, every) - change
+    step = solved(matrix, prior, residual_of(simulation, seen, mode), simulation, mode)
+    every = replace(mode, keep=np.ones(len(mode.keep), dtype=bool))
+    change = less_means(matrix @ step, simulation, every)
+    return residual_of(simulation, seen, every) - change
 
 
 def _is_mounted(effect: Effect) -> bool:

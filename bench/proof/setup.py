@@ -144,7 +144,7 @@ def replay_simulation_of(
     waits = any(isinstance(effect, Creep) for effect in effects)
     replay = replay_of(recording, waits)
     rows = replay.rows
-    world = ReplaySimulation(
+    simulation = ReplaySimulation(
         recording=recording,
         replay=replay,
         order=order,
@@ -155,13 +155,15 @@ def replay_simulation_of(
     )
     spec = recording.wrench_sensor
     if spec is None or recording.wrench is None:
-        return world
+        return simulation
     unloaded = replace(recording, wrench=np.zeros((rows, 6)))
-    turned = _sensor_turned(replace(world, recording=unloaded), assumed)
+    turned = _sensor_turned(replace(simulation, recording=unloaded), assumed)
     return _with_resting_sensor(replace(turned, recording=recording), assumed)
 
 
-def _with_resting_sensor(world: ReplaySimulation, assumed: Rig) -> ReplaySimulation:
+def _with_resting_sensor(
+    simulation: ReplaySimulation, assumed: Rig
+) -> ReplaySimulation:
     """Return a world whose sensor stands as what it reads there turns the arm.
 
     Raises:
@@ -169,33 +171,35 @@ def _with_resting_sensor(world: ReplaySimulation, assumed: Rig) -> ReplaySimulat
     """
     step = np.inf
     for _ in range(ROUNDS):
-        turned, before = _sensor_turned(world, assumed), step
-        step = float(np.abs(turned.sensor_axes - world.sensor_axes).max(initial=0.0))
-        world = turned
+        turned, before = _sensor_turned(simulation, assumed), step
+        step = float(
+            np.abs(turned.sensor_axes - simulation.sensor_axes).max(initial=0.0)
+        )
+        simulation = turned
         if step <= STANDS or not step < before:
             break
     if step <= MATTERS:
-        return world
+        return simulation
     fault = (
         f"the simulated arm and its force sensor find no rest, each still turns the "
         f"other by {step:.2g} rad: check wrench and stiffness."
         if np.isfinite(step)
         else "the simulated arm has no finite position under load: check the wrench."
     )
-    raise Unusable(f"Recording {world.recording.name!r}", [fault])
+    raise Unusable(f"Recording {simulation.recording.name!r}", [fault])
 
 
-def _sensor_turned(world: ReplaySimulation, assumed: Rig) -> ReplaySimulation:
+def _sensor_turned(simulation: ReplaySimulation, assumed: Rig) -> ReplaySimulation:
     """Return a world whose sensor is turned as what it reads there turns the arm."""
-    recording, spec = world.recording, world.recording.wrench_sensor
+    recording, spec = simulation.recording, simulation.recording.wrench_sensor
     assert spec is not None
-    states = replace(world, _known={}).states(assumed)
+    states = replace(simulation, _known={}).states(assumed)
     body = states.bodies.index(model_body(recording, assumed, spec.body))
     mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True)
-    axes = world.base[1].T @ states.rotation[:, body] @ mounting.as_matrix()
+    axes = simulation.base[1].T @ states.rotation[:, body] @ mounting.as_matrix()
     at = states.position[:, body] + states.rotation[:, body] @ spec.position
     weight = _held(recording, assumed, states, at)
-    return replace(world, sensor_axes=axes, weight=weight)
+    return replace(simulation, sensor_axes=axes, weight=weight)
 
 
 def base_of(rig: Rig) -> tuple[np.ndarray, np.ndarray]:

@@ -342,8 +342,8 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
         "not named"
         for s in odd
     ]
-    stance = CalibrationState.of(readings, found.corrected_geometry)
-    if grown := drift_term(stance, found.residual):
+    state = CalibrationState.of(readings, found.corrected_geometry)
+    if grown := drift_term(state, found.residual):
         words.append(
             f"{100 * grown.share:.0f} % of it grows with time as if {grown.where} "
             "changed its form, which no effect of the list does"

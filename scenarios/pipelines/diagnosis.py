@@ -536,26 +536,26 @@ class Curves:
 
 def curves_of(simulated: Proof) -> Curves:
     """Return the residual per axis against torque, and the named law in it."""
-    world, gauge = simulated.simulation, simulated.mode
-    seen, patched = world.see(simulated.nominal), world.see(simulated.patched)
-    markers = len(world.recording.markers)
-    shape = (world.replay.rows, markers, 3)
-    before = residual_of(world, seen, gauge)[:, : 3 * markers].reshape(shape)
-    after = residual_of(world, patched, gauge)[:, : 3 * markers].reshape(shape)
+    simulation, mode = simulated.simulation, simulated.mode
+    seen, patched = simulation.see(simulated.nominal), simulation.see(simulated.patched)
+    markers = len(simulation.recording.markers)
+    shape = (simulation.replay.rows, markers, 3)
+    before = residual_of(simulation, seen, mode)[:, : 3 * markers].reshape(shape)
+    after = residual_of(simulation, patched, mode)[:, : 3 * markers].reshape(shape)
     assumed = simulated.nominal
     arm = assumed.rig.anatomy
     chance = np.random.default_rng(0).normal(0.0, simulated.mode.sigma, shape)
-    errors = joint_rotation_estimates(world, assumed, seen, chance)
+    errors = joint_rotation_estimates(simulation, assumed, seen, chance)
     return Curves(
-        axes=tuple(f"a{k + 1}" for k in range(len(world.order))),
-        torque=torques_of(world, assumed, seen),
-        before=joint_rotation_estimates(world, assumed, seen, before),
-        law=joint_rotation_estimates(world, assumed, seen, before - after),
-        held=~gauge.keep,
-        visit=world.replay.visit,
-        slides=tuple(arm.slides[k] for k in world.order),
+        axes=tuple(f"a{k + 1}" for k in range(len(simulation.order))),
+        torque=torques_of(simulation, assumed, seen),
+        before=joint_rotation_estimates(simulation, assumed, seen, before),
+        law=joint_rotation_estimates(simulation, assumed, seen, before - after),
+        held=~mode.keep,
+        visit=simulation.replay.visit,
+        slides=tuple(arm.slides[k] for k in simulation.order),
         noise=np.sqrt(np.mean(errors**2, axis=0)),
-        angle=world.recording.posture,
+        angle=simulation.recording.posture,
         absolute=simulated.absolute,
         folds=simulated.folds,
     )

@@ -212,16 +212,16 @@ def judge(recording: Recording, arm: Arm, robot: Path, patch: Patch) -> Judgemen
     fit = initial_tracker_frame(arm, recording, np.zeros(len(arm.axes)))
     start = NominalState(bare, fit.turn, fit.shift, fit.marker_positions)
 
-    world = replay_simulation_of(recording, bare, effects_of(patch))
-    world = world.remembering(patch)
-    moved, rig = patched_arm(world, patch, robot)
-    absolute = means_count(world, start, replace(start, rig=rig))
+    simulation = replay_simulation_of(recording, bare, effects_of(patch))
+    simulation = simulation.remembering(patch)
+    moved, rig = patched_arm(simulation, patch, robot)
+    absolute = means_count(simulation, start, replace(start, rig=rig))
     some = _some_visits(recording)
-    mode = comparison_mode_of(world, absolute, some)
-    nominal = _framed(world, start, mode)
+    mode = comparison_mode_of(simulation, absolute, some)
+    nominal = _framed(simulation, start, mode)
     patched = _framed(moved, replace(nominal, rig=rig), mode)
     mode = replace(mode, keep=np.ones(len(some), dtype=bool))
-    first, last = _errors(world, nominal, mode), _errors(moved, patched, mode)
+    first, last = _errors(simulation, nominal, mode), _errors(moved, patched, mode)
     floor = floor_of(moved, patched, last.seen, mode)[0]
     covered, coverage = coverage_of(recording, arm, bare, patch)
 
@@ -245,14 +245,14 @@ def judge(recording: Recording, arm: Arm, robot: Path, patch: Patch) -> Judgemen
     if whole[0] is None:
         fault = "no target is seen in any row that could be judged."
         raise Unusable(f"Recording {recording.name!r}", [fault])
-    alone = _with_springs_alone(world, patch, robot, nominal, mode)
+    alone = _with_springs_alone(simulation, patch, robot, nominal, mode)
     springs = (None, None) if alone is None else proof(mode.keep, alone)
     inside = outside = (None, None)
     if covered is not None:
         inside, outside = proof(covered), proof(~covered)
     shown = np.isfinite(last.position).any(axis=1)
     mode = replace(mode, keep=some)
-    parts = _parts(world, patch, robot, patched, mode, floor[some])
+    parts = _parts(simulation, patch, robot, patched, mode, floor[some])
     answer = ProofFile(
         recording=recording.name,
         proof=_entry(whole, count(mode.keep)),
@@ -325,7 +325,7 @@ def _runs(pose: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
 
 
 def patched_arm(
-    world: ReplaySimulation, patch: Patch, robot: Path
+    simulation: ReplaySimulation, patch: Patch, robot: Path
 ) -> tuple[ReplaySimulation, Rig]:
     """Return the arm with a patch, and the recording as it does it.
 
@@ -335,28 +335,33 @@ def patched_arm(
     from_side = [
         e
         for e in patch.effects
-        if e.effect in FROM_SIDES and not e.settings and world.recording.wrench is None
+        if e.effect in FROM_SIDES
+        and not e.settings
+        and simulation.recording.wrench is None
     ]
     rest = tuple(e for e in patch.effects if e not in from_side)
     rig = rig_of(replace(patch, effects=rest), robot)
-    side, short = world.replay.moves.side, np.zeros(world.replay.posture.shape)
+    side, short = (
+        simulation.replay.moves.side,
+        np.zeros(simulation.replay.posture.shape),
+    )
     for effect in from_side:
         k = rig.anatomy.axes.index(rig.anatomy.axis(effect.where))
-        own = world.order.tolist().index(k)
+        own = simulation.order.tolist().index(k)
         width = effect.parameters.get("width_rad")
         short[:, own] -= float(width or 0.0) / 2 * side[:, own]
-    replay = replace(world.replay, posture=world.replay.posture + short)
-    held = replay_simulation_of(world.recording, rig, rig.effects)
-    moved = replace(world, sensor_axes=held.sensor_axes, weight=held.weight)
+    replay = replace(simulation.replay, posture=simulation.replay.posture + short)
+    held = replay_simulation_of(simulation.recording, rig, rig.effects)
+    moved = replace(simulation, sensor_axes=held.sensor_axes, weight=held.weight)
     return replace(moved, replay=replay, _known={}), rig
 
 
 def _framed(
-    world: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
+    simulation: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
 ) -> NominalState:
     """Fit frame and targets until they stand still."""
     for _ in range(FRAMINGS):
-        before, assumed = assumed, framed(world, assumed, mode)
+        before, assumed = assumed, framed(simulation, assumed, mode)
         steps = (
             assumed.shift - before.shift,
             assumed.turn - before.turn,
@@ -378,18 +383,18 @@ class _Errors:
 
 
 def _errors(
-    world: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
+    simulation: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
 ) -> _Errors:
     """Compare readings with an arm; of a 6D target its first point is its position."""
-    seen = world.see(assumed)
-    residual = residual_of(world, seen, mode)
-    firsts = [own[0] for own in targets_of(world.recording).values()]
-    turn = turns_of(world, seen, residual, mode)
-    return _Errors(seen, squares(world, residual)[0][:, firsts], *turn)
+    seen = simulation.see(assumed)
+    residual = residual_of(simulation, seen, mode)
+    firsts = [own[0] for own in targets_of(simulation.recording).values()]
+    turn = turns_of(simulation, seen, residual, mode)
+    return _Errors(seen, squares(simulation, residual)[0][:, firsts], *turn)
 
 
 def _with_springs_alone(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     patch: Patch,
     robot: Path,
     nominal: NominalState,
@@ -398,12 +403,12 @@ def _with_springs_alone(
     """Return the errors with a patch's springs; None: it has none or nothing else."""
     if not patch.stiffness_nm_per_rad or not (patch.effects or patch.laws):
         return None
-    moved, rig = patched_arm(world, replace(patch, effects=(), laws=()), robot)
+    moved, rig = patched_arm(simulation, replace(patch, effects=(), laws=()), robot)
     return _errors(moved, _framed(moved, replace(nominal, rig=rig), mode), mode)
 
 
 def _parts(
-    world: ReplaySimulation,
+    simulation: ReplaySimulation,
     patch: Patch,
     robot: Path,
     patched: NominalState,
@@ -412,8 +417,8 @@ def _parts(
 ) -> tuple[Contribution, ...]:
     """Return the error without each part of a patch alone."""
     rows = mode.keep
-    pose = _runs(world.recording.posture_id[rows])
-    some = world.part(rows)
+    pose = _runs(simulation.recording.posture_id[rows])
+    some = simulation.part(rows)
     mode = replace(mode, keep=np.ones(int(rows.sum()), dtype=bool))
 
     def errors(less: Patch) -> np.ndarray:

@@ -65,16 +65,16 @@ def _pairs(diagnosis: Diagnosis) -> Iterator[tuple[Name, Name]]:
 
 def _between(proof: Proof, own: Name, rival: Name) -> list[Next]:
     some = some_of(proof.simulation, np.zeros(proof.simulation.replay.rows, dtype=bool))
-    world = proof.simulation.part(some)
-    gauge = replace(proof.mode, keep=proof.mode.keep[some])
+    simulation = proof.simulation.part(some)
+    mode = replace(proof.mode, keep=proof.mode.keep[some])
     effects = proof.patched.rig.effects
     others = [e for e in effects if (e.name, e.where) != (own.effect, own.where)]
     start = effect_of(PatchEffect(rival.effect, rival.where, usual_size(rival)))
     rival_arm = with_effects(proof.patched, [*others, start])
     known = None if proof.sensitivity is None else proof.sensitivity.part(some)
-    other = refined(world, rival_arm, gauge, known=known).assumed
-    experiments = candidates(world, proof.patched)
-    factor = expected(world, proof.patched, other, experiments, gauge.sigma)
+    other = refined(simulation, rival_arm, mode, known=known).assumed
+    experiments = candidates(simulation, proof.patched)
+    factor = expected(simulation, proof.patched, other, experiments, mode.sigma)
     why = f"tells {own.effect} from {rival.effect} on {own.where}"
     if own.where != rival.where:
         why = f"tells {own.effect} on {own.where} from {rival.effect} on {rival.where}"

@@ -204,14 +204,14 @@ class ArmView:
 
 def arm_view(simulated: Proof) -> ArmView:
     """Return the arm in the recorded posture that shows its axes farthest apart."""
-    world, anatomy = simulated.simulation, simulated.nominal.rig.anatomy
-    states = world.see(simulated.nominal).states
-    base, turn = world.base
+    simulation, anatomy = simulated.simulation, simulated.nominal.rig.anatomy
+    states = simulation.see(simulated.nominal).states
+    base, turn = simulation.base
     position = (states.position - base) @ turn
     rotation = turn.T @ states.rotation
-    links = [states.bodies.index(anatomy.links[k]) for k in world.order]
+    links = [states.bodies.index(anatomy.links[k]) for k in simulation.order]
     model = simulated.nominal.rig.nominal
-    joints = [model.joint(anatomy.axes[k]).pos for k in world.order]
+    joints = [model.joint(anatomy.axes[k]).pos for k in simulation.order]
     origins = np.stack(
         [
             position[:, b] + rotation[:, b] @ at
@@ -223,7 +223,9 @@ def arm_view(simulated: Proof) -> ArmView:
     across = np.linalg.norm(np.ptp(origins[:, :, :2], axis=1), axis=1)
     row = int(np.argmax(np.minimum(spread, TALL * across)))
     of_body = {anatomy.base: "base"}
-    of_body |= {anatomy.links[k]: f"link_{i}" for i, k in enumerate(world.order, 1)}
+    of_body |= {
+        anatomy.links[k]: f"link_{i}" for i, k in enumerate(simulation.order, 1)
+    }
     triangles, owner = [np.zeros((0, 3, 3))], []
     for shape in shapes(model):
         if shape.body not in states.bodies:

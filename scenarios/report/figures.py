@@ -161,10 +161,10 @@ def of_marks(simulated: Proof, file: Path | None = None) -> Figure:
     Of a row with the residuals b of the nominal arm and a of the patched one, l = b -
     a: |l| and b · l / |l|, over the root of the number of marks.
     """
-    world, gauge = simulated.simulation, simulated.mode
-    points = 3 * len(world.recording.markers)
+    simulation, mode = simulated.simulation, simulated.mode
+    points = 3 * len(simulation.recording.markers)
     before, after = (
-        residual_of(world, world.see(one), gauge)[:, :points]
+        residual_of(simulation, simulation.see(one), mode)[:, :points]
         for one in (simulated.nominal, simulated.patched)
     )
     law = np.nan_to_num(before - after)
@@ -176,7 +176,7 @@ def of_marks(simulated: Proof, file: Path | None = None) -> Figure:
     axes = figure.subplots()
     low, high = min(float(y.min()), 0.0), max(float(x.max()), float(y.max()))
     axes.plot([0.0, x.max()], [0.0, x.max()], color=ORANGE, lw=1.2)
-    _by_split(axes, x, y, ~gauge.keep, simulated.folds)
+    _by_split(axes, x, y, ~mode.keep, simulated.folds)
     axes.set(xlim=(0.0, 1.03 * x.max()), ylim=(1.05 * low, 1.05 * high))
     axes.set_xlabel("patch, simulated [µm]")
     axes.set_ylabel("measured along it [µm]")
@@ -198,12 +198,12 @@ def _by_split(
 
 def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
     """Return the rms of each body's markers over all rows, before and after, in m."""
-    world, gauge = simulated.simulation, simulated.mode
+    simulation, mode = simulated.simulation, simulated.mode
     found = []
-    names = [marker.body for marker in world.recording.markers]
+    names = [marker.body for marker in simulation.recording.markers]
     for assumed in (simulated.nominal, simulated.patched):
-        left = residual_of(world, world.see(assumed), gauge)
-        square = squares(world, left)[0]
+        left = residual_of(simulation, simulation.see(assumed), mode)
+        square = squares(simulation, left)[0]
         found.append(
             {
                 body: float(np.sqrt(np.nanmean(square[:, [n == body for n in names]])))

@@ -180,11 +180,13 @@ def marked_places(
 
 def heat_of(simulated: Proof, residual: np.ndarray) -> dict[str, np.ndarray]:
     """Return the error of every body by visit, scaled: 0 the noise, 1 the worst."""
-    world = simulated.simulation
-    visit, noise = world.replay.visit, simulated.mode.sigma * np.sqrt(3.0)
+    simulation = simulated.simulation
+    visit, noise = simulation.replay.visit, simulated.mode.sigma * np.sqrt(3.0)
     found = {
-        body: _rms_of_visits(visit, residual[:, [name == body for name in world.body]])
-        for body in dict.fromkeys(world.body)
+        body: _rms_of_visits(
+            visit, residual[:, [name == body for name in simulation.body]]
+        )
+        for body in dict.fromkeys(simulation.body)
     }
     worst = max(np.quantile(np.concatenate(list(found.values())), 0.98), 2.0 * noise)
     return {
@@ -240,15 +242,15 @@ def _arm(
     proved: bool,
     budget: ErrorBudget | None,
 ) -> None:
-    world, gauge = simulated.simulation, simulated.mode
-    seen = world.see(simulated.nominal)
+    simulation, mode = simulated.simulation, simulated.mode
+    seen = simulation.see(simulated.nominal)
     rows = _most_loaded(simulated)
     count = len(rows)
     times = [rr.TimeColumn(POSE, sequence=np.arange(count))]
-    shape = (world.replay.rows, len(world.body), 3)
+    shape = (simulation.replay.rows, len(simulation.body), 3)
     size = int(np.prod(shape[1:]))
     left = [
-        residual_of(world, world.see(a), gauge)[:, :size].reshape(shape)
+        residual_of(simulation, simulation.see(a), mode)[:, :size].reshape(shape)
         for a in (simulated.nominal, simulated.patched)
     ]
     stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -274,7 +276,7 @@ def _arm(
         missed_by = missed_by[rows]
     usual = np.nanquantile(missed_by, 0.98)
     magnified = _round(LONGEST / max(float(usual), 1e-9))
-    visit = world.replay.visit
+    visit = simulation.replay.visit
     for name, values, colour in zip(
         ("before", "after"), left, (GREY, ORANGE), strict=True
     ):
@@ -412,12 +414,12 @@ def show_calibration(
         rrb.TimePanel(timeline=POSE, state="collapsed", fps=4.0),
     )
     stream = opened("stiffness_calibration", "calibration", layout, file)
-    stance = CalibrationState.of(found.readings, found.corrected_geometry)
+    state = CalibrationState.of(found.readings, found.corrected_geometry)
     held = np.flatnonzero(found.held)
     times = [rr.TimeColumn(POSE, sequence=np.arange(len(held)))]
     stream.log("/cell", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    point = stance.point[held]
-    origin = stance.standing.origin[:, held].swapaxes(0, 1)  # (rows, axes, 3)
+    point = state.point[held]
+    origin = state.standing.origin[:, held].swapaxes(0, 1)  # (rows, axes, 3)
     arm = np.concatenate([origin, point[:, None]], axis=1).astype(np.float32)
     strips = rr.LineStrips3D.columns(strips=arm).partition([1] * len(held))
     draw(stream, "/cell/arm", times, strips)

@@ -90,15 +90,15 @@ class Candidate:
 
 
 def candidates_of(
-    stance: CalibrationState, highest: int = ORDERS[-1]
+    state: CalibrationState, highest: int = ORDERS[-1]
 ) -> tuple[Candidate, ...]:
     """Return all candidate effects that these postures can make visible.
 
     Tables end below the order `highest`.
     """
-    chain = stance.standing.chain
+    chain = state.standing.chain
     found: list[Candidate] = []
-    poses = len(np.unique(stance.readings.posture_id))
+    poses = len(np.unique(state.readings.posture_id))
     for k, slides in enumerate(chain.slides):
         where = f"a{k + 1}"
         if not slides:  # what a slide carries weighs the same wherever it is
@@ -127,13 +127,13 @@ def candidates_of(
         "tracker_scale", "tracker", ("ratio",), _scale, -LARGEST_SCALE, LARGEST_SCALE
     )
     found.append(scale)
-    return tuple(c for c in found if _shows(c, stance))
+    return tuple(c for c in found if _shows(c, state))
 
 
-def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
-    some = stance
+def _shows(candidate: Candidate, state: CalibrationState) -> bool:
+    some = state
     if candidate.orders:  # its first orders are visible
-        lever = stance.lever[int(candidate.where[1:]) - 1]
+        lever = state.lever[int(candidate.where[1:]) - 1]
         return bool(np.sqrt(np.mean(lever**2)) * USUAL_TURN > VISIBLE)
     size = np.sqrt(np.mean(candidate.columns(some) ** 2, axis=(0, 1)))
     usual = {
@@ -143,18 +143,18 @@ def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
     }
     one = usual.get(candidate.effect, 1.0)
     if candidate.effect == "joint_compliance":  # or the spring's own, where softer
-        stiff = stance.readings.arm.stiffness[int(candidate.where[1:]) - 1]
+        stiff = state.readings.arm.stiffness[int(candidate.where[1:]) - 1]
         one = max(SOFTEST, 1.0 / stiff if stiff > 0.0 else 0.0)
     return bool(size.max() * one > VISIBLE)
 
 
 def stacked(
-    candidates: Sequence[Candidate], stance: CalibrationState
+    candidates: Sequence[Candidate], state: CalibrationState
 ) -> Float[np.ndarray, "rows coordinates columns"]:
     """Return the columns of several candidates side by side."""
-    rows = (*stance.residual.shape, 0)
+    rows = (*state.residual.shape, 0)
     return np.concatenate(
-        [np.zeros(rows), *(c.columns(stance) for c in candidates)], axis=2
+        [np.zeros(rows), *(c.columns(state) for c in candidates)], axis=2
     )
 
 
@@ -253,12 +253,12 @@ class Blocks:
     def of(
         cls,
         rigid: RigidFit,
-        stance: CalibrationState,
+        state: CalibrationState,
         candidates: Sequence[Candidate],
         sprung: Iterable[Key],
     ) -> "Blocks":
         """Lay out the visible parameters of the geometry, then the candidates."""
-        drawing = entries_of(stance.standing.chain)
+        drawing = entries_of(state.standing.chain)
         quiet = [Entry(*SILENT, "")] * (len(rigid.kept) - len(drawing))
         shown = np.flatnonzero(rigid.kept)
         entries = [(*drawing, *quiet)[j] for j in shown]
@@ -276,8 +276,8 @@ class Blocks:
             most += [c.most] * count
         entry = np.concatenate([shown, np.full(len(owner) - len(shown), -1)])
         start, size = np.zeros(len(owner)), np.full(len(owner), np.inf)
-        start[: len(shown)] = corrections_of(stance.readings, stance.geometry)[shown]
-        size[: len(shown)] = prior_sizes(stance.readings)[shown]
+        start[: len(shown)] = corrections_of(state.readings, state.geometry)[shown]
+        size[: len(shown)] = prior_sizes(state.readings)[shown]
         return cls(
             tuple(owner), tuple(parameter), np.array(order), np.array(least),
             np.array(most), entry, start, size, tuple(candidates),
@@ -332,21 +332,21 @@ class Blocks:
         return np.array([values.get(prior, 1.0) for prior in self.priors])
 
     def matrix(
-        self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
+        self, state: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "n columns"]:
         """Return the columns at some rows, a line for each coordinate of a row."""
-        return self.problem(stance, rows)[0]
+        return self.problem(state, rows)[0]
 
     def problem(
-        self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
+        self, state: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "n columns"], Float[np.ndarray, " n"]]:
         """Return design matrix and right-hand side of the linearised problem."""
         if rows is not None:
-            stance = CalibrationState.of(stance.readings.take(rows), stance.geometry)
-        drawing = stance.nuisance_jacobian()[:, :, self.entry[self.entry >= 0]]
-        both = [drawing, stacked(self.candidates, stance)]
+            state = CalibrationState.of(state.readings.take(rows), state.geometry)
+        drawing = state.nuisance_jacobian()[:, :, self.entry[self.entry >= 0]]
+        both = [drawing, stacked(self.candidates, state)]
         a = np.concatenate(both, axis=2).reshape(-1, len(self.owner))
-        return a, stance.residual.ravel() + a @ self.start
+        return a, state.residual.ravel() + a @ self.start
 
 
 # --- Normal equations by fold ---------------------------------------------------------
@@ -356,7 +356,7 @@ CHUNK = 500
 
 
 def normals_of(
-    blocks: Blocks, stance: CalibrationState, fold: Int[np.ndarray, " rows"], count: int
+    blocks: Blocks, state: CalibrationState, fold: Int[np.ndarray, " rows"], count: int
 ) -> list[Normal]:
     """Return the normal equations of each fold; a negative fold is in none."""
     width = len(blocks.owner)
@@ -367,11 +367,11 @@ def normals_of(
         square = 0.0
         for start in range(0, len(rows), CHUNK):
             own = rows[start : start + CHUNK]
-            a, y = blocks.problem(stance, own)
+            a, y = blocks.problem(state, own)
             gram += a.T @ a
             aim += a.T @ y
             square += float(y @ y)
         found.append(
-            Normal(gram, aim, square, int(stance.readings.coordinates[rows].sum()))
+            Normal(gram, aim, square, int(state.readings.coordinates[rows].sum()))
         )
     return found

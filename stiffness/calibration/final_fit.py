@@ -163,7 +163,7 @@ class FinalFit:
     """Fit of a set of columns, with the state in which they were computed.
 
     Attributes:
-        stance: State of the arm in which they were computed.
+        state: State of the arm in which they were computed.
         known: Indices of the fitted columns.
         variances: Variances of noise and bands.
         residual: Residual on all rows, in m; see `CalibrationState.residual`.
@@ -173,7 +173,7 @@ class FinalFit:
     """
 
     blocks: Blocks
-    stance: CalibrationState
+    state: CalibrationState
     known: Int[np.ndarray, " known"]
     fit: Solved
     variances: VarianceComponents
@@ -190,7 +190,7 @@ class FinalFit:
     @cached_property
     def corrected_geometry(self) -> Geometry:
         """The geometry corrected by its own fitted parameters only."""
-        blocks, rigid = self.blocks, self.stance.geometry
+        blocks, rigid = self.blocks, self.state.geometry
         step = np.zeros(rigid.parameter_count)
         step[: len(rigid.values)] = -rigid.values
         for j, value in zip(self.known, self.fit.x, strict=True):
@@ -210,7 +210,7 @@ class FinalFit:
         regions = np.unique(region[region >= 0])
         total = np.zeros((len(wanted), len(wanted)))
         for r in regions:
-            a, y = self.blocks.problem(self.stance, np.flatnonzero(region == r))
+            a, y = self.blocks.problem(self.state, np.flatnonzero(region == r))
             a = a[:, self.known]
             score = inverse.T @ (a.T @ (y - a @ self.fit.x) / self.variances.noise)
             total += np.outer(score, score)
@@ -303,7 +303,7 @@ def final_fit(
     """
     found = _about(readings, keep, rigid, wanted, sprung, highest, design)
     for _ in range(ROUNDS - 1):
-        before, now = found.stance.geometry, found.corrected_geometry
+        before, now = found.state.geometry, found.corrected_geometry
         moved = np.abs(now.values - before.values).max(initial=0.0)
         turned = np.abs(now.base_from_tracker - before.base_from_tracker).max()
         if max(moved, turned) < MOVED:
@@ -314,15 +314,15 @@ def final_fit(
 
 
 def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
-    stance = CalibrationState.of(readings, rigid.geometry)
+    state = CalibrationState.of(readings, rigid.geometry)
     keys = {owner for owner, _ in wanted}
     every = [
         c
-        for c in candidates_of(stance, highest)
+        for c in candidates_of(state, highest)
         if c.key in keys or c.key in sprung
         if c.orders or (c.key, c.parameters[0]) in wanted or c.key in sprung
     ]
-    full = Blocks.of(rigid, stance, every, sprung)
+    full = Blocks.of(rigid, state, every, sprung)
     names = zip(full.owner, full.parameter, strict=True)
     known = np.array(
         [
@@ -332,18 +332,18 @@ def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
         ]
     )
     one = np.where(keep, 0, -1)
-    every_column = normals_of(full, stance, one, 1)[0]
+    every_column = normals_of(full, state, one, 1)[0]
     normal = every_column.only(known)
     stated, more = 1.0 / full.size[known] ** 2, full.by_prior(design)[known]
     fit, sizes = learnt(normal, full.band[known], stated, more)
     wider = _of_unchosen(full, every_column, known, fit, sizes.noise, design)
-    left = np.empty_like(stance.residual)
+    left = np.empty_like(state.residual)
     for start in range(0, len(left), 500):
         rows = np.arange(start, min(start + 500, len(left)))
-        a, y = full.problem(stance, rows)
+        a, y = full.problem(state, rows)
         left[rows] = (y - a[:, known] @ fit.x).reshape(len(rows), -1)
     used = float(np.sum(1.0 - fit.precision * fit.spread())) / normal.count
-    return FinalFit(full, stance, known, fit, sizes, left, used, design, wider)
+    return FinalFit(full, state, known, fit, sizes, left, used, design, wider)
 
 
 def _of_unchosen(

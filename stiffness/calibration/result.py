@@ -113,12 +113,12 @@ class DriftTerm:
 
 
 def drift_term(
-    stance: CalibrationState, residual: Float[np.ndarray, "rows coordinates"]
+    state: CalibrationState, residual: Float[np.ndarray, "rows coordinates"]
 ) -> DriftTerm | None:
     """Return the site whose drift explains most of the residual."""
-    hours = stance.readings.hours[:, None, None]
-    every, rows = stance.nuisance_jacobian(), residual.size
-    entries = entries_of(stance.standing.chain)
+    hours = state.readings.hours[:, None, None]
+    every, rows = state.nuisance_jacobian(), residual.size
+    entries = entries_of(state.standing.chain)
     known = [every, every[:, :, len(entries) :] * hours]
     base = _basis(np.concatenate(known, axis=2).reshape(rows, -1))
     left = residual.ravel() - base @ (base.T @ residual.ravel())
@@ -391,8 +391,8 @@ def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
     for _ in range(SWEEPS):
         keep = size == 0.0
         rigid = fitted(readings.take(keep), redraw=True)
-        stance = CalibrationState.of(readings, rigid.geometry)
-        blocks = Blocks.of(rigid, stance, candidates_of(stance, CHOOSING), sprung)
+        state = CalibrationState.of(readings, rigid.geometry)
+        blocks = Blocks.of(rigid, state, candidates_of(state, CHOOSING), sprung)
         every = set(zip(blocks.owner, blocks.parameter, strict=True))
         free = final_fit(readings, keep, rigid, every, sprung, CHOOSING, {})
         size = far_from(readings, free.residual)
@@ -419,10 +419,10 @@ def calibrated(
     plain = fitted(fit_on, redraw=False)
     before = final_fit(readings, keep, plain, set(), sprung, highest, {})
     rigid = fitted(fit_on, redraw=True)
-    stance = CalibrationState.of(readings, rigid.geometry)
-    some = candidates_of(stance, min(CHOOSING, highest))
-    blocks = Blocks.of(rigid, stance, some, sprung)
-    folds = normals_of(blocks, stance, spatial_folds.fold, spatial_folds.count)
+    state = CalibrationState.of(readings, rigid.geometry)
+    some = candidates_of(state, min(CHOOSING, highest))
+    blocks = Blocks.of(rigid, state, some, sprung)
+    folds = normals_of(blocks, state, spatial_folds.fold, spatial_folds.count)
     stated = 1.0 / blocks.size**2
     fit, sizes = learnt(total_of(folds), blocks.band, stated)
     design = design_effects(blocks, folds, fit, sizes.noise)

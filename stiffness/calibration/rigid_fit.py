@@ -57,8 +57,8 @@ def fitted(readings: Readings, redraw: bool) -> RigidFit:
     """Fit tracker frame and target positions, and the geometry where asked."""
     count = len(entries_of(readings.arm.chain))
     start = Geometry(np.zeros(count), np.eye(4), readings.places)
-    stance = CalibrationState.of(readings, start)
-    start = replace(start, base_from_tracker=kabsch(readings.seen, stance.point))
+    state = CalibrationState.of(readings, start)
+    start = replace(start, base_from_tracker=kabsch(readings.seen, state.point))
     start = replace(start, mounts=_mounts(readings, start))
     fit = _fit_until_stable(readings, start, redraw=False)
     return _fit_until_stable(readings, fit.geometry, redraw=True) if redraw else fit
@@ -106,9 +106,9 @@ def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> Rigi
     fit = RigidFit(start, identifiable(a, count, redraw))
     size = prior_sizes(readings)[fit.kept]
     for _ in range(ROUNDS):
-        stance = CalibrationState.of(readings, fit.geometry)
-        a = _flat(stance)
-        left = stance.residual.ravel()
+        state = CalibrationState.of(readings, fit.geometry)
+        a = _flat(state)
+        left = state.residual.ravel()
         weight = np.sqrt(np.mean(left**2)) / size  # of the drawing beside a reading
         away = -weight * corrections_of(readings, fit.geometry)[fit.kept]
         step = np.zeros(a.shape[1])
@@ -136,9 +136,9 @@ def not_seen(readings: Readings, fit: RigidFit) -> tuple[Entry, ...]:
     Their sigma stays as stated, or another number does nearly the same here.
     """
     entries, count = entries_of(readings.arm.chain), len(fit.geometry.values)
-    stance = CalibrationState.of(readings, fit.geometry)
-    a, size = _flat(stance)[:, fit.kept], prior_sizes(readings)[fit.kept]
-    known = a.T @ a / np.mean(stance.residual**2) + np.diag(1.0 / size**2)
+    state = CalibrationState.of(readings, fit.geometry)
+    a, size = _flat(state)[:, fit.kept], prior_sizes(readings)[fit.kept]
+    known = a.T @ a / np.mean(state.residual**2) + np.diag(1.0 / size**2)
     sigma = np.zeros(len(fit.kept))
     sigma[fit.kept] = np.sqrt(np.diag(np.linalg.inv(known))) / size
     some = readings.take(np.arange(ANYWHERE) % len(readings.posture))
@@ -149,8 +149,8 @@ def not_seen(readings: Readings, fit: RigidFit) -> tuple[Entry, ...]:
     return tuple(e for e, unseen in zip(entries, blind, strict=False) if unseen)
 
 
-def _flat(stance: CalibrationState) -> Float[np.ndarray, "n silent"]:
-    return stance.nuisance_jacobian().reshape(stance.residual.size, -1)
+def _flat(state: CalibrationState) -> Float[np.ndarray, "n silent"]:
+    return state.nuisance_jacobian().reshape(state.residual.size, -1)
 
 
 def _mounts(

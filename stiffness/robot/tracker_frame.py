@@ -292,9 +292,9 @@ class TrackerObservations:
         return (seen & (np.nan_to_num(off) <= FAR * most)).astype(float)
 
 
-def extent_of(sight: TrackerObservations) -> float:
+def extent_of(observed: TrackerObservations) -> float:
     """Return the size of the box that contains the readings, in m."""
-    y = sight.y[sight.weight > 0]
+    y = observed.y[observed.weight > 0]
     return float(np.ptp(y, axis=0).max()) if len(y) else 0.0
 
 
@@ -324,68 +324,70 @@ def initial_tracker_frame(
     first = np.unique(recording.visit, return_index=True)[1]
     some = recording.take(first[:: max(1, len(first) // SOME)])
     posture = equilibrium(arm, some.posture, compliance, payload=recording.tool)
-    sight = TrackerObservations.of(arm, some, posture)
+    observed = TrackerObservations.of(arm, some, posture)
     if recording.displacement == "relative":
         faults = []
-        if sight.transform is None:
+        if observed.transform is None:
             fault = "relative readings need [frames.tracker]: they do not show it."
             faults.append(fault)
         hidden = [m.name for m in recording.markers if m.position is None]
         if hidden:
             fault = "relative readings do not show where markers sit: give position_mm "
             faults.append(f"{fault}of {', '.join(hidden)}.")
-        if sight.transform is None or hidden:
+        if observed.transform is None or hidden:
             raise Unusable(f"Recording {recording.name!r}", faults)
-        turn, shift = sight.transform[:3, :3], sight.transform[:3, 3]
-        return TrackerFit(turn, shift, sight.marker_positions)
-    frames, _ = fit_tracker_frame(sight)
+        turn, shift = observed.transform[:3, :3], observed.transform[:3, 3]
+        return TrackerFit(turn, shift, observed.marker_positions)
+    frames, _ = fit_tracker_frame(observed)
     return frames
 
 
-def fit_tracker_frame(sight: TrackerObservations) -> tuple[TrackerFit, float]:
+def fit_tracker_frame(observed: TrackerObservations) -> tuple[TrackerFit, float]:
     """Return the best fit of frame and marker positions over several starts.
 
     Returns:
         Both, and the rms misfit in m.
     """
-    frames, rms = fit_tracker_frame_once(sight)
-    if sight.transform is not None or rms < POOR * extent_of(sight):
+    frames, rms = fit_tracker_frame_once(observed)
+    if observed.transform is not None or rms < POOR * extent_of(observed):
         return frames, rms
     for start in Rotation.create_group("O").as_matrix():
-        other, left = _refined(sight, start, sight.weight)
+        other, left = _refined(observed, start, observed.weight)
         if left < rms:
             frames, rms = other, left
     return frames, rms
 
 
 def fit_tracker_frame_once(
-    sight: TrackerObservations, steps: int = STEPS
+    observed: TrackerObservations, steps: int = STEPS
 ) -> tuple[TrackerFit, float]:
     """Return the fit from one start only: enough where postures are as reported.
 
     Args:
-        sight: Readings of markers.
+        observed: Readings of markers.
         steps: Most Gauss-Newton steps.
     """
-    weight = sight.weight
-    if sight.transform is None:
-        start = _linear(sight, weight)
-        return _refined(sight, start, weight, steps)
-    turn, shift = sight.transform[:3, :3], sight.transform[:3, 3]
-    return _judged(sight, turn, shift, weight)[:2]
+    weight = observed.weight
+    if observed.transform is None:
+        start = _linear(observed, weight)
+        return _refined(observed, start, weight, steps)
+    turn, shift = observed.transform[:3, :3], observed.transform[:3, 3]
+    return _judged(observed, turn, shift, weight)[:2]
 
 
-def _linear(sight: TrackerObservations, weight: np.ndarray) -> Float[np.ndarray, "3 3"]:
+def _linear(
+    observed: TrackerObservations, weight: np.ndarray
+) -> Float[np.ndarray, "3 3"]:
     """Return the rotation nearest to the best-fitting matrix."""
-    y = sight.filled
-    back = sight.turned.swapaxes(2, 3)  # (visits, markers, 3 of body, 3 of base)
+    y = observed.filled
+    back = observed.turned.swapaxes(2, 3)  # (visits, markers, 3 of body, 3 of base)
     matrix = back[..., :, :, None] * y[:, :, None, None, :]
     design = np.concatenate([matrix.reshape(*y.shape, 9), back], axis=3)
     aim = (
-        np.einsum("vmij,vmj->vmi", back, sight.origin)
-        + sight.marker_positions * (sight.given[:, None])
+        np.einsum("vmij,vmj->vmi", back, observed.origin)
+        + observed.marker_positions * (observed.given[:, None])
     )
-    design, aim = _less_places(sight, weight, design, aim[..., None])
+    design, aim = _less_places(observed, weight, design, aim[..., None])
     flat = design.reshape(-1, 12)
     size = np.maximum(np.linalg.norm(flat, axis=0), 1e-12)
     flat = flat / size
@@ -396,17 +398,24 @@ def _linear(sight: TrackerObservations, weight: np.ndarray) -> Float[np.ndarray,
 
 
 def _refined(
-    sight: TrackerObservations, turn: np.ndarray, weight: np.ndarray, steps: int = STEPS
+    observed: TrackerObservations,
+    turn: np.ndarray,
+    weight: np.ndarray,
+    steps: int = STEPS,
 ) -> tuple[TrackerFit, float]:
-    y, shift = sight.filled, np.zeros(3)
-    back = sight.turned.swapaxes(2, 3)
-    frames, rms, kept = TrackerFit(turn, shift, sight.marker_positions), np.inf, weight
+    y, shift = observed.filled, np.zeros(3)
+    back = observed.turned.swapaxes(2, 3)
+    frames, rms, kept = (
+        TrackerFit(turn, shift, observed.marker_positions),
+        np.inf,
+        weight,
+    )
     for _ in range(steps):
         point = y @ turn.T + shift
-        left = np.einsum("vmij,vmj->vmi", back, sight.origin - point)
-        left = left + sight.marker_positions * sight.given[:, None]
+        left = np.einsum("vmij,vmj->vmi", back, observed.origin - point)
+        left = left + observed.marker_positions * observed.given[:, None]
         design, aim = _less_places(
-            sight, kept, back @ point_jacobian(point), left[..., None]
+            observed, kept, back @ point_jacobian(point), left[..., None]
         )
         flat = design.reshape(-1, 6)
         inner = flat.T @ flat
@@ -414,25 +423,28 @@ def _refined(
         step = np.linalg.solve(inner, flat.T @ aim.reshape(-1))
         spin = Rotation.from_rotvec(step[3:6]).as_matrix()
         turn, shift = spin @ turn, spin @ shift + step[:3]
-        frames, rms, kept = _judged(sight, turn, shift, weight)
+        frames, rms, kept = _judged(observed, turn, shift, weight)
         if np.abs(step).max() < CLOSE:
             break
     return frames, rms
 
 
 def _judged(
-    sight: TrackerObservations, turn: np.ndarray, shift: np.ndarray, weight: np.ndarray
+    observed: TrackerObservations,
+    turn: np.ndarray,
+    shift: np.ndarray,
+    weight: np.ndarray,
 ) -> tuple[TrackerFit, float, np.ndarray]:
     """Return the frames with their marker positions, their rms, and valid readings."""
     kept = weight
-    positions = sight.marker_positions
-    away = sight.filled @ turn.T + shift - sight.origin
-    inside = (away[..., None, :] @ sight.turned)[..., 0, :]
+    positions = observed.marker_positions
+    away = observed.filled @ turn.T + shift - observed.origin
+    inside = (away[..., None, :] @ observed.turned)[..., 0, :]
     size = np.zeros(weight.shape)
-    for _ in range(1 if sight.given.all() else 2):  # means depend on what is kept
+    for _ in range(1 if observed.given.all() else 2):  # means depend on what is kept
         total = np.maximum(kept.sum(axis=0), 1e-12)
         mean = np.einsum("vm,vmi->mi", kept, inside) / total[:, None]
-        positions = np.where(sight.given[:, None], sight.marker_positions, mean)
+        positions = np.where(observed.given[:, None], observed.marker_positions, mean)
         off = inside - positions
         size = np.sqrt(np.einsum("vmi,vmi->vm", off, off))
         kept = weight
@@ -454,10 +466,10 @@ def _quantile(values: np.ndarray, share: float) -> np.ndarray | float:
 
 
 def _less_places(
-    sight: TrackerObservations, weight: np.ndarray, *values: np.ndarray
+    observed: TrackerObservations, weight: np.ndarray, *values: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Project each marker's unknown position out of its rows."""
-    free, root = ~sight.given[:, None, None], np.sqrt(weight)[..., None, None]
+    free, root = ~observed.given[:, None, None], np.sqrt(weight)[..., None, None]
     if not free.any():
         return tuple(value * root for value in values)
     total = np.maximum(weight.sum(axis=0), 1e-12)[:, None, None]

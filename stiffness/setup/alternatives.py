@@ -249,24 +249,24 @@ class Seeing:
 
     Attributes:
         warned: What to say if it is the right one.
-        meant: Turns a sight as written into the one meant.
+        meant: Turns observations as written into those meant.
     """
 
     warned: Warned
     meant: Callable[[TrackerObservations], TrackerObservations]
 
 
-def of_sight(sight: TrackerObservations) -> Iterator[Seeing]:
+def of_sight(observed: TrackerObservations) -> Iterator[Seeing]:
     """List how else what the tracker saw may be meant."""
     text = "the markers look mirrored: they fit with {} of the tracker's {}."
-    for i, name in enumerate("xyz" if sight.transform is not None else "y"):
+    for i, name in enumerate("xyz" if observed.transform is not None else "y"):
         sign = np.ones(3)
         sign[i] = -1.0
         said = text.format("the sign", f"{name} changed")
-        if sight.transform is None:
+        if observed.transform is None:
             said = text.format("one coordinate", "with the other sign")
         yield Seeing(Warned("mirrored", "tracker", said), _seen(np.diag(sign)))
-    if sight.transform is not None:
+    if observed.transform is not None:
         for i, j in combinations(range(3), 2):
             swap = np.eye(3)
             swap[[i, j]] = swap[[j, i]]
@@ -275,7 +275,7 @@ def of_sight(sight: TrackerObservations) -> Iterator[Seeing]:
     for factor, words in ((1e3, "in m where mm are expected"), (1e-3, "in µm, not mm")):
         text = f"marker positions look as if given {words}: they fit times {factor:g}."
         yield Seeing(Warned("units", "tracker", text), _seen(factor * np.eye(3)))
-    if sight.given.any():
+    if observed.given.any():
         for factor in (1e3, 1e-3):
             text = (
                 "position_mm of the markers look as if given in another unit: they fit "
@@ -285,7 +285,7 @@ def of_sight(sight: TrackerObservations) -> Iterator[Seeing]:
                 Warned("units", "markers", text),
                 lambda s, f=factor: replace(s, marker_positions=s.marker_positions * f),
             )
-    if sight.transform is not None:
+    if observed.transform is not None:
         for factor in (1e3, 1e-3):
             text = (
                 "[frames.tracker] position_mm looks as if given in another unit: it "
@@ -392,9 +392,9 @@ def _of_marker_columns(
             yield f"{said[m, c]} {how}", meant
 
 
-def less_is_stated(sight: TrackerObservations) -> Iterator[Seeing]:
+def less_is_stated(observed: TrackerObservations) -> Iterator[Seeing]:
     """List what to doubt wholly where no other reading of it fits."""
-    if sight.transform is not None:
+    if observed.transform is not None:
         text = (
             "[frames.tracker] does not fit: with a frame that is fitted to the markers "
             "all agree. Correct it, or leave it out."
@@ -403,7 +403,7 @@ def less_is_stated(sight: TrackerObservations) -> Iterator[Seeing]:
             Warned("tracker_frame", "tracker", text),
             lambda s: replace(s, transform=None),
         )
-    if sight.given.any():
+    if observed.given.any():
         text = (
             "position_mm of the markers do not fit: with places that are fitted all "
             "agree. Correct them, or leave out what is not known to a millimetre."
@@ -415,21 +415,21 @@ def less_is_stated(sight: TrackerObservations) -> Iterator[Seeing]:
 
 
 def _seen(matrix: np.ndarray):
-    return lambda sight: replace(sight, y=sight.y @ matrix.T)
+    return lambda observed: replace(observed, y=observed.y @ matrix.T)
 
 
 def _with_scaled_shift(
-    sight: TrackerObservations, factor: float
+    observed: TrackerObservations, factor: float
 ) -> TrackerObservations:
-    assert sight.transform is not None
-    moved = sight.transform.copy()
+    assert observed.transform is not None
+    moved = observed.transform.copy()
     moved[:3, 3] *= factor
-    return replace(sight, transform=moved)
+    return replace(observed, transform=moved)
 
 
-def _inverted(sight: TrackerObservations) -> TrackerObservations:
-    assert sight.transform is not None
-    return replace(sight, transform=np.linalg.inv(sight.transform))
+def _inverted(observed: TrackerObservations) -> TrackerObservations:
+    assert observed.transform is not None
+    return replace(observed, transform=np.linalg.inv(observed.transform))
 
 
 # --- Order and rows of the wrench -----------------------------------------------------

@@ -108,15 +108,15 @@ def detect_unit_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         arm: The nominal arm, with the recording's names.
     """
     some = some_visits(recording, VISITS_FOR_UNITS)
-    sight = TrackerObservations.of(arm, some, some.posture)
-    seen = np.isfinite(sight.y).all(axis=2).sum(axis=0) > 1
+    observed = TrackerObservations.of(arm, some, some.posture)
+    seen = np.isfinite(observed.y).all(axis=2).sum(axis=0) > 1
     if not seen.any():  # one visit has no range
         return ()
-    moves = np.linalg.norm(np.ptp(sight.origin, axis=0), axis=1)
+    moves = np.linalg.norm(np.ptp(observed.origin, axis=0), axis=1)
     way = float(moves.max())
-    ranges = np.full(sight.marker_positions.shape, np.nan)
+    ranges = np.full(observed.marker_positions.shape, np.nan)
     ranges[seen] = np.ptp(
-        np.nanquantile(sight.y[:, seen], RANGE_QUANTILES, axis=0), axis=0
+        np.nanquantile(observed.y[:, seen], RANGE_QUANTILES, axis=0), axis=0
     )
     moving = seen & (moves > way / OFF)
     found: dict[int, tuple[str, float, tuple[int, ...]]] = {}
@@ -128,12 +128,12 @@ def detect_unit_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         again = True
         while again:  # the frame fits better with each column that is put right
             again = False
-            frames = fit_tracker_frame_once(sight)[0]
-            left = [m for m in left if _away(sight, m, frames) > SMALL * way]
+            frames = fit_tracker_frame_once(observed)[0]
+            left = [m for m in left if _away(observed, m, frames) > SMALL * way]
             for m in [m for m in left if m not in found]:
-                columns = _better(sight, m, np.flatnonzero(odd[m]), factor, way)
+                columns = _better(observed, m, np.flatnonzero(odd[m]), factor, way)
                 if columns:
-                    sight = _scaled(sight, m, columns, factor)
+                    observed = _scaled(observed, m, columns, factor)
                     found[m], again = (words, factor, columns), True
     return tuple(_unit_warning(recording, m, *found[m]) for m in sorted(found))
 
@@ -151,20 +151,20 @@ def _unit_warning(
 
 
 def _scaled(
-    sight: TrackerObservations, m: int, columns: tuple[int, ...], factor: float
+    observed: TrackerObservations, m: int, columns: tuple[int, ...], factor: float
 ) -> TrackerObservations:
-    y = sight.y.copy()
+    y = observed.y.copy()
     y[:, m, list(columns)] *= factor
-    return replace(sight, y=y)
+    return replace(observed, y=y)
 
 
 def _better(
-    sight: TrackerObservations, m: int, odd: np.ndarray, factor: float, way: float
+    observed: TrackerObservations, m: int, odd: np.ndarray, factor: float, way: float
 ) -> tuple[int, ...]:
     """Return which of a marker's odd columns fit in the other unit; none: ()."""
-    before, best, answer = _marker_residual_rms(sight, m), np.inf, ()
+    before, best, answer = _marker_residual_rms(observed, m), np.inf, ()
     for columns in _subsets(odd.tolist()):
-        left = _marker_residual_rms(_scaled(sight, m, columns, factor), m)
+        left = _marker_residual_rms(_scaled(observed, m, columns, factor), m)
         if left < min(best, before / BETTER, GROSS * way):
             best, answer = left, columns
     return answer
@@ -175,18 +175,20 @@ def _subsets(odd: list[int]) -> Iterator[tuple[int, ...]]:
         yield from combinations(odd, count)
 
 
-def _marker_residual_rms(sight: TrackerObservations, m: int) -> float:
+def _marker_residual_rms(observed: TrackerObservations, m: int) -> float:
     """Return the rms misfit of one marker, all frames fitted anew, in m."""
-    return _away(sight, m, fit_tracker_frame_once(sight)[0])
+    return _away(observed, m, fit_tracker_frame_once(observed)[0])
 
 
-def _away(sight: TrackerObservations, m: int, frames: TrackerFit) -> float:
+def _away(observed: TrackerObservations, m: int, frames: TrackerFit) -> float:
     """Return the rms misfit of one marker, its own place free if unknown, in m."""
-    seen = np.isfinite(sight.y[:, m]).all(axis=1)
-    point = sight.y[seen, m] @ frames.turn.T + frames.shift - sight.origin[seen, m]
-    inside = np.einsum("vji,vj->vi", sight.turned[seen, m], point)
+    seen = np.isfinite(observed.y[:, m]).all(axis=1)
+    point = (
+        observed.y[seen, m] @ frames.turn.T + frames.shift - observed.origin[seen, m]
+    )
+    inside = np.einsum("vji,vj->vi", observed.turned[seen, m], point)
     away = inside - (
-        sight.marker_positions[m] if sight.given[m] else np.median(inside, axis=0)
+        observed.marker_positions[m] if observed.given[m] else np.median(inside, axis=0)
     )
     return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
@@ -227,16 +229,18 @@ def detect_swapped_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
     _, every = np.unique(recording.visit, return_index=True)
     first = every[:: -(-len(every) // MANY)]
     looked_at = "" if len(first) == len(every) else " looked at"
-    sight = TrackerObservations.of(arm, recording.take(first), recording.posture[first])
+    observed = TrackerObservations.of(
+        arm, recording.take(first), recording.posture[first]
+    )
     told = []
-    inside = _inside(sight)
+    inside = _inside(observed)
     for own in markers_of_bodies(recording).values():
-        for order, visits in _orders(inside, sight, own).items():
+        for order, visits in _orders(inside, observed, own).items():
             if len(visits) < TWICE:
                 continue
-            right = _renamed(sight, visits, order)
+            right = _renamed(observed, visits, order)
             moved = [m for m, n in enumerate(order) if m != n]
-            before = _off(inside, sight, moved)[visits]
+            before = _off(inside, observed, moved)[visits]
             after = _off(_inside(right), right, moved)[visits]
             if np.median(after) < np.median(before) / SWAP_BETTER:
                 some = len(visits) < len(first)
@@ -248,45 +252,47 @@ def detect_swapped_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
                     f"{len(first)} visits{looked_at}" if some else "",
                 )
                 clear = some or len(own) > len(moved) == 2
-                told.append(Mixed(warned, clear and not _mirrored(sight, right)))
+                told.append(Mixed(warned, clear and not _mirrored(observed, right)))
     return tuple(told)
 
 
-def _mirrored(sight: TrackerObservations, renamed: TrackerObservations) -> bool:
+def _mirrored(observed: TrackerObservations, renamed: TrackerObservations) -> bool:
     """Return whether a mirrored tracker fits better than other names do."""
     after = _rigid_residual_rms(renamed, ROUGH)
     return any(
-        _rigid_residual_rms(other.meant(sight), ROUGH) < after
-        for other in of_sight(sight)
+        _rigid_residual_rms(other.meant(observed), ROUGH) < after
+        for other in of_sight(observed)
         if other.warned.code == "mirrored"
     )
 
 
-def _inside(sight: TrackerObservations) -> np.ndarray:
+def _inside(observed: TrackerObservations) -> np.ndarray:
     """Return where each marker is in its body, (visits, markers, 3), NaN unseen."""
-    frames, _ = fit_tracker_frame_once(sight)
-    point = sight.y @ frames.turn.T + frames.shift - sight.origin
-    return np.einsum("vmji,vmj->vmi", sight.turned, point)
+    frames, _ = fit_tracker_frame_once(observed)
+    point = observed.y @ frames.turn.T + frames.shift - observed.origin
+    return np.einsum("vmji,vmj->vmi", observed.turned, point)
 
 
-def _places(inside: np.ndarray, sight: TrackerObservations) -> np.ndarray:
+def _places(inside: np.ndarray, observed: TrackerObservations) -> np.ndarray:
     seen = np.isfinite(inside).any(axis=(0, 2))
-    middle = np.full(sight.marker_positions.shape, np.nan)
+    middle = np.full(observed.marker_positions.shape, np.nan)
     middle[seen] = np.nanmedian(inside[:, seen], axis=0)
-    return np.where(sight.given[:, None], sight.marker_positions, middle)
+    return np.where(observed.given[:, None], observed.marker_positions, middle)
 
 
-def _off(inside: np.ndarray, sight: TrackerObservations, some: list[int]) -> np.ndarray:
+def _off(
+    inside: np.ndarray, observed: TrackerObservations, some: list[int]
+) -> np.ndarray:
     """Return how far some markers are from their places, rms, visit by visit."""
-    away = (inside - _places(inside, sight))[:, some]
+    away = (inside - _places(inside, observed))[:, some]
     return np.sqrt(np.mean(np.sum(away**2, axis=2), axis=1))
 
 
 def _orders(
-    inside: np.ndarray, sight: TrackerObservations, own: list[int]
+    inside: np.ndarray, observed: TrackerObservations, own: list[int]
 ) -> dict[tuple[int, ...], np.ndarray]:
     """Return the orders in which a body's markers fit better, and in which visits."""
-    places = _places(inside, sight)[own]
+    places = _places(inside, observed)[own]
     away = inside[:, own, None] - places[None, None]
     cost = np.sum(away**2, axis=3)  # (visits, seen, meant)
     straight = np.arange(len(own))
@@ -303,12 +309,12 @@ def _orders(
 
 
 def _renamed(
-    sight: TrackerObservations, visits: np.ndarray, order: tuple[int, ...]
+    observed: TrackerObservations, visits: np.ndarray, order: tuple[int, ...]
 ) -> TrackerObservations:
     """Give readings to the markers that they are taken for."""
-    y = sight.y.copy()
-    y[visits[:, None], list(order)] = sight.y[visits]
-    return replace(sight, y=y)
+    y = observed.y.copy()
+    y[visits[:, None], list(order)] = observed.y[visits]
+    return replace(observed, y=y)
 
 
 def _swap_warning(
@@ -400,21 +406,21 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     every = some_visits(recording, VISITS)
     some = every.watching(ends_of_bodies(every.markers, arm))
     posture = some.posture
-    sight = TrackerObservations.of(arm, some, posture)
-    _, before = fit_tracker_frame(sight)
+    observed = TrackerObservations.of(arm, some, posture)
+    _, before = fit_tracker_frame(observed)
     others = TrackerObservations.of(arm, every, posture)
     whole = _rigid_residual_rms(others)
-    extent = extent_of(sight)
+    extent = extent_of(observed)
     assert every.tracker is not None
     noise = CLEAR * float(np.max(every.tracker.repeatability))
-    places = np.sqrt(3.0) * MARKER_POSITION_SIGMA if sight.given.any() else 0.0
+    places = np.sqrt(3.0) * MARKER_POSITION_SIGMA if observed.given.any() else 0.0
     least = max(DOUBT * extent, noise, places)
     if max(before, whole) <= least:
         return ()
     if before <= least:  # what is wrong is about the other markers
-        some, sight, before = every, others, whole
+        some, observed, before = every, others, whole
     angles = list(of_angles(posture, arm.slides))
-    told = _single(some, arm, angles, sight)
+    told = _single(some, arm, angles, observed)
     moved: list[tuple[float, Told]] = []
     if _least(told) > least:
         moved = _on_other_bodies(every, arm, DOUBT * extent)
@@ -432,7 +438,7 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
         return answer
     if answer:
         return _best(_likely(_pairs(some, arm, angles)), _least(told)) or answer
-    less = [((o.warned,), o.meant(sight)) for o in less_is_stated(sight)]
+    less = [((o.warned,), o.meant(observed)) for o in less_is_stated(observed)]
     text = (
         f"the markers lie {1e3 * before:.0f} mm rms off where this model puts them, "
         "and no single slip explains it. Is it this arm's model, and do the angles of "
@@ -446,15 +452,15 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
 
 
 def _single(
-    some: Recording, arm: Arm, angles: Sequence[Angles], sight: TrackerObservations
+    some: Recording, arm: Arm, angles: Sequence[Angles], observed: TrackerObservations
 ) -> list[tuple[float, Told]]:
-    """Fit other readings of the angles and of the sight, one at a time."""
+    """Fit other readings of angles and observations, one at a time."""
     posture = some.posture
     others: list[Other] = []
     for one in angles:
         meant = TrackerObservations.of(arm, some, one.meant(posture))
         others.append(((one.warned,), meant))
-    others += [((o.warned,), o.meant(sight)) for o in of_sight(sight)]
+    others += [((o.warned,), o.meant(observed)) for o in of_sight(observed)]
     return _likely(others)
 
 
@@ -495,7 +501,7 @@ def _pairs(some: Recording, arm: Arm, angles: Sequence[Angles]) -> Iterator[Othe
 def _likely(others: Iterable[Other]) -> list[tuple[float, Told]]:
     """Fit the readings that look best after one step, in their order."""
     others = list(others)
-    rough = [_rigid_residual_rms(sight, ROUGH) for _, sight in others]
+    rough = [_rigid_residual_rms(observed, ROUGH) for _, observed in others]
     kept = np.sort(np.argsort(rough, kind="stable")[:LIKELY])
     return [(_rigid_residual_rms(others[i][1]), others[i][0]) for i in kept]
 
@@ -511,9 +517,9 @@ def _best(told: Sequence[tuple[float, Told]], before: float) -> Told:
     return said if least < before / BETTER else ()
 
 
-def _rigid_residual_rms(sight: TrackerObservations, steps: int = STEPS) -> float:
+def _rigid_residual_rms(observed: TrackerObservations, steps: int = STEPS) -> float:
     """Return the rms of a rigid fit, in m."""
-    return fit_tracker_frame_once(sight, steps)[1]
+    return fit_tracker_frame_once(observed, steps)[1]
 
 
 def _on_other_bodies(
@@ -532,8 +538,8 @@ def _on_other_bodies(
 
     def left(markers: Sequence[Marker], steps: int) -> float:
         meant = replace(every, markers=tuple(markers))
-        sight = TrackerObservations.of(arm, meant, every.posture)
-        return _rigid_residual_rms(sight, steps)
+        observed = TrackerObservations.of(arm, meant, every.posture)
+        return _rigid_residual_rms(observed, steps)
 
     bodies = ("base", *(f"link_{k + 1}" for k in range(len(arm.axes))))
     markers = [replace(m, position=None) for m in every.markers]  # by how they move

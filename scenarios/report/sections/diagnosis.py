@@ -356,10 +356,10 @@ def _what(finding: Result) -> Iterator[Block]:
     if answer.located:
         yield Heading("Where")
         yield table_of(
-            "Where arm and model differ, strongest first. Share: of the squares of what "
-            "the effects of each place displace by themselves, over their noise; what "
-            "two places displace alike counts at both. A name's share, elsewhere, is "
-            "what it adds to all names together.",
+            "Where arm and model differ, strongest first. Share: of the squares of "
+            "what the effects of each place displace by themselves, over their noise; "
+            "what two places displace alike counts at both. A name's share, elsewhere, "
+            "is what it adds to all names together.",
             answer.located,
             {
                 "place": lambda x: x.where,

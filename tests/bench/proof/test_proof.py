@@ -171,7 +171,7 @@ def test_placebos_do_not_help_and_what_is_taken_out_comes_back(proof):
 
 def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkeypatch):
     """But for levers that turn with a wind-up; a load, felt on every axis, is alone."""
-    world, arm = proof.simulation, proof.patched
+    simulation, arm = proof.simulation, proof.patched
     (own,) = (e for e in arm.rig.effects if e.name == "hysteresis")
     changes = [
         Change((own,)),
@@ -181,19 +181,19 @@ def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkey
         Change(added=(GravityLoad("link_3", 1.0),)),
     ]
     runs = []
-    simulate = type(world)._simulated
+    simulate = type(simulation)._simulated
 
     def counted(self, rig, about):
         runs.append(rig)
         return simulate(self, rig, about)
 
-    monkeypatch.setattr(type(world), "_simulated", counted)
+    monkeypatch.setattr(type(simulation), "_simulated", counted)
     monkeypatch.setattr(refinement, "FEW", 1)
-    together = {i: seen for i, _, seen in simulate_changes(world, arm, changes)}
+    together = {i: seen for i, _, seen in simulate_changes(simulation, arm, changes)}
     assert len(runs) <= 4  # the arm as it is, two that share, the load
-    before = world.see(arm)
+    before = simulation.see(arm)
     for i, change in enumerate(changes):
-        alone = world.see(with_change(arm, change))
+        alone = simulation.see(with_change(arm, change))
         moves = np.abs(alone.point - before.point).max()
         assert moves > 1e-6
         assert_allclose(together[i].point, alone.point, atol=3e-3 * moves)
@@ -205,11 +205,11 @@ def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkey
 
 def test_noise_counts_as_far_as_fitted_readings_have_room_for_it(proof):
     """Of the wrench, or of gears whose states nobody knows, beside the tracker's."""
-    world, mode = proof.simulation, proof.mode
-    seen = world.see(proof.patched)
-    sure, _ = floor_of(world, proof.patched, seen, mode)
-    assert _true_part(world, seen, mode, sure, 4.0 * sure) < 0.05
-    assert _true_part(world, seen, mode, 0.5 * sure, 0.3 * sure) == 1.0
+    simulation, mode = proof.simulation, proof.mode
+    seen = simulation.see(proof.patched)
+    sure, _ = floor_of(simulation, proof.patched, seen, mode)
+    assert _true_part(simulation, seen, mode, sure, 4.0 * sure) < 0.05
+    assert _true_part(simulation, seen, mode, 0.5 * sure, 0.3 * sure) == 1.0
 
 
 def test_means_of_visits_hold_springs_where_noise_explains_them(kr10, held, proof):
@@ -226,8 +226,8 @@ def test_means_of_visits_hold_springs_where_noise_explains_them(kr10, held, proo
 
 
 def means_of(proof):
-    whole, world = replace(proof.mode, absolute=True), proof.simulation
-    return refinement.residual_of(world, world.see(proof.patched), whole)
+    whole, simulation = replace(proof.mode, absolute=True), proof.simulation
+    return refinement.residual_of(simulation, simulation.see(proof.patched), whole)
 
 
 def springs_off(kr10, proof):
@@ -256,21 +256,24 @@ def test_springs_are_less_sure_where_poses_scatter_beyond_the_noise(
     kr10, held, proof, monkeypatch
 ):
     """What a pose adds to all of its readings is one error and not as many."""
-    world, arm, known = proof.simulation, proof.patched, proof.sensitivity
+    simulation, arm, known = proof.simulation, proof.patched, proof.sensitivity
     done = refinement.Refinement(arm, known, replace(proof.mode, absolute=True))
-    assert_allclose(refinement.spring_errors(world, done), proof.spring_errors)
+    assert_allclose(refinement.spring_errors(simulation, done), proof.spring_errors)
     done = replace(done, mode=proof.mode)
-    quiet = refinement.spring_errors(world, done)
-    left = refinement.residual_of(world, world.see(arm), proof.mode)
-    columns = refinement.simulated_jacobian(world, arm, world.see(arm), False).matrix
-    pose = np.unique(world.recording.posture_id, return_inverse=True)[1]
+    quiet = refinement.spring_errors(simulation, done)
+    left = refinement.residual_of(simulation, simulation.see(arm), proof.mode)
+    columns = refinement.simulated_jacobian(
+        simulation, arm, simulation.see(arm), False
+    ).matrix
+    pose = np.unique(simulation.recording.posture_id, return_inverse=True)[1]
     of_pose = np.random.default_rng(0).normal(0.0, 0.02, pose.max() + 1)[pose]
     wild = (
         left
-        + refinement.less_means(columns[..., 1], world, proof.mode) * (of_pose[:, None])
+        + refinement.less_means(columns[..., 1], simulation, proof.mode)
+        * (of_pose[:, None])
     )
     monkeypatch.setattr(refinement, "residual_of", lambda *_: wild)
-    loud = refinement.spring_errors(world, done)
+    loud = refinement.spring_errors(simulation, done)
     poses = len(np.unique(pose[proof.mode.keep]))
     assert loud[1] == pytest.approx(0.02 / np.sqrt(poses), rel=0.5)
     assert loud[1] > 2.0 * quiet[1]
@@ -282,10 +285,12 @@ def test_refinement_ends_where_nothing_fits_better_though_it_begins_far(kr10, he
     seen = recorded(kr10, true)
     guess = Hysteresis("a1", width_rad=5e-4, stiffening=0.1)
     found = prove(seen, kr10, patch(guess), held, thorough=False)
-    world, mode = found.simulation, found.mode
+    simulation, mode = found.simulation, found.mode
     others = [e for e in found.patched.rig.effects if e.name != "hysteresis"]
-    right = fitted(world, with_effects(found.patched, [*others, true]), mode)
-    lost = chi_square(world, found.patched, mode) - chi_square(world, right, mode)
+    right = fitted(simulation, with_effects(found.patched, [*others, true]), mode)
+    lost = chi_square(simulation, found.patched, mode) - chi_square(
+        simulation, right, mode
+    )
     assert lost < 10.0
     spring = found.patched.rig.springs[0] / Rig(kr10).nominal.jnt_stiffness[0]
     assert spring == pytest.approx(SCALE[0], rel=0.1)
@@ -427,11 +432,11 @@ def laid_out(recording, kr10):
 def test_the_load_acts_along_the_sensor_that_it_turned(recording, kr10):
     """On an arm ten times as soft, which it turns by some hundredths of a radian."""
     soft = replace(Rig(kr10), stiffness=Rig(kr10).nominal.jnt_stiffness / 10)
-    world = replay_simulation_of(recording, soft)
-    states = world.states(soft)
+    simulation = replay_simulation_of(recording, soft)
+    states = simulation.states(soft)
     flange = states.bodies.index(soft.anatomy.flange)
-    turned_to = world.base[1].T @ states.rotation[:, flange]
-    assert_allclose(world.sensor_axes, turned_to, atol=1e-6)
+    turned_to = simulation.base[1].T @ states.rotation[:, flange]
+    assert_allclose(simulation.sensor_axes, turned_to, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -450,8 +455,8 @@ def test_a_sensor_stands_where_what_is_left_does_not_matter(
 ):
     taken = iter([0.0, *steps])
 
-    def turned(world, assumed):
-        return replace(world, sensor_axes=world.sensor_axes + next(taken))
+    def turned(simulation, assumed):
+        return replace(simulation, sensor_axes=simulation.sensor_axes + next(taken))
 
     monkeypatch.setattr(setup, "_sensor_turned", turned)
     if fault:
@@ -464,26 +469,30 @@ def test_a_sensor_stands_where_what_is_left_does_not_matter(
 
 def test_columns_of_springs_are_what_the_simulator_does(laid_out):
     """A share of 1e-3 more compliance; 2 %: torques change with it, too."""
-    world, assumed = laid_out
-    seen = world.see(assumed)
-    columns = simulated_jacobian(world, assumed, seen, places=False)
+    simulation, assumed = laid_out
+    seen = simulation.see(assumed)
+    columns = simulated_jacobian(simulation, assumed, seen, places=False)
     for k in (1, 4):
         springs = assumed.rig.springs.copy()
         springs[k] /= np.exp(1e-3)
-        other = world.see(replace(assumed, rig=replace(assumed.rig, stiffness=springs)))
+        other = simulation.see(
+            replace(assumed, rig=replace(assumed.rig, stiffness=springs))
+        )
         moved = (other.point - seen.point).reshape(len(seen.point), -1) / 1e-3
         error = np.abs(moved - columns.matrix[:, :, k]).max()
         assert error < 0.02 * np.abs(moved).max()
 
 
 def test_turns_are_found_in_what_markers_did(laid_out):
-    world, assumed = laid_out
-    seen = world.see(assumed)
-    angle = np.zeros((world.replay.rows, 6))
+    simulation, assumed = laid_out
+    seen = simulation.see(assumed)
+    angle = np.zeros((simulation.replay.rows, 6))
     angle[:, 2], angle[:, 4] = 1e-4, -5e-5
-    moved = np.sum([turned_by(world, assumed.rig, seen, k, angle) for k in range(6)], 0)
+    moved = np.sum(
+        [turned_by(simulation, assumed.rig, seen, k, angle) for k in range(6)], 0
+    )
     assert_allclose(
-        joint_rotation_estimates(world, assumed, seen, moved)[:, :5],
+        joint_rotation_estimates(simulation, assumed, seen, moved)[:, :5],
         angle[:, :5],
         atol=3e-6,
     )
@@ -498,27 +507,29 @@ def test_a_body_s_turn_and_its_noise_are_those_of_its_marks(kr10):
     ends = 0.1 * np.vstack([np.eye(3), -np.eye(3)])
     markers = tuple(Marker(f"m{k}", "flange", place) for k, place in enumerate(ends))
     points = np.zeros((4, 6, 3))
-    world = replay_simulation_of(
+    simulation = replay_simulation_of(
         replace(seen, markers=markers, points=points, frames=None), Rig(kr10)
     )
     turn = np.array([6e-4, 0.0, 8e-4])
     left = np.broadcast_to(np.cross(turn, ends), (4, 6, 3)).copy()
     left[1, :3], left[2, :4] = np.nan, np.nan
     point = np.broadcast_to(ends, left.shape)
-    shown = SimulatedReadings(world.states(Rig(kr10)), point, left, None)
-    mode = replace(comparison_mode_of(world, True, np.ones(4, bool)), sigma=1e-5)
-    square, noise = turns_of(world, shown, residual_of(world, shown, mode), mode)
+    shown = SimulatedReadings(simulation.states(Rig(kr10)), point, left, None)
+    mode = replace(comparison_mode_of(simulation, True, np.ones(4, bool)), sigma=1e-5)
+    square, noise = turns_of(
+        simulation, shown, residual_of(simulation, shown, mode), mode
+    )
     assert_allclose(np.sqrt(square[[0, 1, 3], 0]), 1e-3, rtol=1e-9)
     assert_allclose(noise[0, 0], 1e-10 * 3 / 0.04, rtol=1e-9)
     assert np.isnan(square[2, 0])
-    assert bodies_in_6d(world.recording) == (tuple(range(6)),)
+    assert bodies_in_6d(simulation.recording) == (tuple(range(6)),)
 
 
 def test_torques_are_what_springs_carry(laid_out):
     """In an unloaded row of A1, whose axis stands upright, there is none."""
-    world, assumed = laid_out
-    torque = torques_of(world, assumed, world.see(assumed))
-    unloaded = world.recording.load_mass == 0.0
+    simulation, assumed = laid_out
+    torque = torques_of(simulation, assumed, simulation.see(assumed))
+    unloaded = simulation.recording.load_mass == 0.0
     assert np.abs(torque[unloaded, 0]).max() < 0.2  # the sensor's noise on 1 m
     assert np.abs(torque[unloaded, 1]).max() > 20.0
 
@@ -548,30 +559,32 @@ def test_a_force_sensor_that_is_stated_too_noisy_leaves_no_more_than_is_left(
 
 
 def test_frames_make_a_reading_quieter(laid_out):
-    world, _ = laid_out
+    simulation, _ = laid_out
     many = replace(
-        world,
+        simulation,
         recording=replace(
-            world.recording, frames=np.full(len(world.recording.time), 4)
+            simulation.recording, frames=np.full(len(simulation.recording.time), 4)
         ),
     )
-    keep = np.ones(len(world.recording.time), dtype=bool)
-    one, four = (comparison_mode_of(w, False, keep).sigma for w in (world, many))
+    keep = np.ones(len(simulation.recording.time), dtype=bool)
+    one, four = (comparison_mode_of(w, False, keep).sigma for w in (simulation, many))
     assert_allclose(one, 2.0 * four)
 
 
 def test_rivals_differ_by_the_square_of_what_they_would_read(proof):
     """|P (a - b)|² / 2σ², so four times as much for half the noise, none for twins."""
-    world, gauge = proof.simulation, proof.mode
+    simulation, mode = proof.simulation, proof.mode
     effects = [e for e in proof.patched.rig.effects if e.name != "hysteresis"]
     other = with_effects(proof.patched, [*effects, LostMotion("a2", width_rad=1e-4)])
-    visits = candidates(world, proof.patched, count=3)
-    factor = expected(world, proof.patched, other, visits, gauge.sigma)
+    visits = candidates(simulation, proof.patched, count=3)
+    factor = expected(simulation, proof.patched, other, visits, mode.sigma)
     assert len(factor) == len(visits) > 3
     assert np.all(factor > 0.0)
-    half = expected(world, proof.patched, other, visits, gauge.sigma / 2)
+    half = expected(simulation, proof.patched, other, visits, mode.sigma / 2)
     assert_allclose(half, 4.0 * factor)
-    assert_allclose(expected(world, other, other, visits, gauge.sigma), 0.0, atol=1e-9)
+    assert_allclose(
+        expected(simulation, other, other, visits, mode.sigma), 0.0, atol=1e-9
+    )
 
 
 def test_next_paths_hold_a_wait_and_a_reversal_within_a_loop():

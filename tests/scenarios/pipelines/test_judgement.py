@@ -178,11 +178,11 @@ def test_hysteresis_of_a_calibration_stops_axes_short_on_the_side_they_came_from
     found = judged(recording, kr10, Patch(effects=(side,)))
     assert found.absolute
 
-    world = replay_simulation_of(recording, Rig(kr10))
-    moved, rig = patched_arm(world, Patch(effects=(side,)), kr10)
+    simulation = replay_simulation_of(recording, Rig(kr10))
+    moved, rig = patched_arm(simulation, Patch(effects=(side,)), kr10)
     assert not [e for e in rig.effects if e.name == "hysteresis"]
-    short = moved.replay.posture - world.replay.posture
-    step = np.sign(np.diff(world.replay.posture[:, 1]))
+    short = moved.replay.posture - simulation.replay.posture
+    step = np.sign(np.diff(simulation.replay.posture[:, 1]))
     np.testing.assert_allclose(short[1:, 1], -WIDTH / 2 * step, atol=1e-15)
     assert not short[:, [0, 2, 3, 4, 5]].any()
 

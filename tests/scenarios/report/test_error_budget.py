@@ -306,12 +306,12 @@ def test_marks_stand_on_the_line_where_the_patch_does_what_was_measured(monkeypa
     across = np.array([[0, 9.0, 0, 0, 9.0, 0], [5.0, 0, 0, np.nan, 0, 0]]) * 1e-6
     across[1, 3:] = np.nan
     left = {"nominal": patch + across, "patched": across}
-    world = SimpleNamespace(
+    simulation = SimpleNamespace(
         recording=SimpleNamespace(markers=(1, 2)), see=lambda which: which
     )
     mode = SimpleNamespace(keep=np.array([True, False]))
     proof: Any = SimpleNamespace(
-        simulation=world, mode=mode, nominal="nominal", patched="patched", folds=1
+        simulation=simulation, mode=mode, nominal="nominal", patched="patched", folds=1
     )
     monkeypatch.setattr(figures, "residual_of", lambda _, which, mode: left[which])
     (axes,) = figures.of_marks(proof).axes

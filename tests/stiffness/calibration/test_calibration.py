@@ -479,9 +479,9 @@ def test_moments_of_gravity_turn_axes_as_its_torques_do():
     tool = Payload(3.0, np.array([0.02, -0.01, 0.08]))
     bent = recorded(KR10, (), 40, 6, tool=tool)
     readings = readings_of(bent, arm_of(KR10))
-    stance = CalibrationState.of(readings, fitted(readings, redraw=False).geometry)
-    along = np.einsum("krj,krj->rk", stance.standing.rotation[..., 2], stance.moment)
-    np.testing.assert_allclose(along, stance.torque, atol=1e-9)
+    state = CalibrationState.of(readings, fitted(readings, redraw=False).geometry)
+    along = np.einsum("krj,krj->rk", state.standing.rotation[..., 2], state.moment)
+    np.testing.assert_allclose(along, state.torque, atol=1e-9)
 
 
 def state_of(arm, posture, body, place, seen) -> CalibrationState:

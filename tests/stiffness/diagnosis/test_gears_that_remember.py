@@ -119,10 +119,10 @@ def test_proof_lets_each_gear_remember_what_the_patch_says(said):
     flange, plan = Instruments(markers=Markers("flange")), table_one_plan(poses=12)
     recording = record(Rig(MODEL), plan, flange, seed=3)
     rig = rig_of(patch, MODEL)
-    world = replay_simulation_of(recording, rig).remembering(patch)
-    both = world.states(rig)
-    in_turn = world.responded(rig, in_turn=True)
-    fresh = world.responded(rig)
+    simulation = replay_simulation_of(recording, rig).remembering(patch)
+    both = simulation.states(rig)
+    in_turn = simulation.responded(rig, in_turn=True)
+    fresh = simulation.responded(rig)
     angle = {k: (1, 2)[k == "a3"] for k in ("a2", "a3")}
     for axis, k in angle.items():
         carries = said[1].get(axis, said[0]) == "carried"
