@@ -68,6 +68,15 @@ def test_a_model_has_the_names_and_limits_that_claims_read_of_it(file):
     assert set(facts.bodies) == set(claimed.bodies)
 
 
+def test_a_model_without_joints_is_refused_under_its_own_name(tmp_path):
+    file = tmp_path / "stone.xml"
+    body = '<body name="stone"><geom size="0.1"/></body>'
+    file.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    with pytest.raises(Unusable, match=r"stone\.xml' cannot be used") as caught:
+        arm_of(file)
+    assert caught.value.faults[0].startswith("it has no joint")
+
+
 def test_effects_that_the_robot_has_no_place_for_are_refused_by_name():
     model = bench.load_model(ROOT / KR10)
     nowhere = [bench.effects.Hysteresis("a9"), bench.effects.LinkBending("a2")]

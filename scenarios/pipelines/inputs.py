@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.model_file import load, plain_mjcf
+from bench.shared.errors import Unusable
 from bench.shared.format.checks import SAME_POSTURE, said_of_repeats
 from bench.shared.format.faults import Place, visible
 from bench.shared.format.folder import read
@@ -58,7 +59,11 @@ def arm_of(path: Path) -> Arm:
     Raises:
         BenchError: Where it cannot be read, saying why.
     """
-    return Arm.from_mjcf_text(plain_mjcf(load(path)))
+    text = plain_mjcf(load(path))
+    try:
+        return Arm.from_mjcf_text(text)
+    except Unusable as error:  # which names the file that the text was put into
+        raise Unusable(f"Model {str(path)!r}", error.faults) from None
 
 
 def facts_of(arm: Arm) -> ModelFacts:

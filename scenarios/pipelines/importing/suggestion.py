@@ -55,7 +55,8 @@ def sheet_of(source: bytes) -> Sheet:
     found = (_in_cells(lines, s) for s in (*SEPARATORS, " "))
     best = max(found, key=lambda f: (len(f[1][f[2]]) if f else 0, 0), default=None)
     if best is None:
-        say = "no line looks like names of columns with numbers below; is it a CSV?"
+        say = "no line looks like names of columns with numbers below; is it a CSV? "
+        say += "Of a spreadsheet, save the sheet as CSV."
         raise Unusable("This file", [say])
     separator, rows, header = best
     names = tuple(c.strip() for c in rows[header])
