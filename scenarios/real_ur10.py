@@ -13,9 +13,9 @@ of the same arm (1,495 poses four months later, newly set up) judges the patch, 
 Run:    python -m scenarios.real_ur10 --data FOLDER
 Takes:  a minute for each draw of regions on two cores, six of them unless --draws 0
 Expect: over all poses 3.01 mm rms with the tracker's frame fitted, 0.84 mm with the
-        target's place too; on 8 of 30 regions that nothing was fitted to 0.88 mm as
-        drawn, about 0.1 mm calibrated, 0.07 mm where every axis stands at an angle
-        that was fitted; on series B 1.08 mm as drawn, 0.29 mm with the patch of A
+        target's place too; on 8 of 30 regions that nothing was fitted to 0.74 mm as
+        drawn, 0.08 mm calibrated, 0.06 mm where every axis stands at an angle that was
+        fitted; on series B 1.08 mm as drawn, 0.28 mm with the patch of A
 """
 
 from __future__ import annotations
