@@ -238,14 +238,14 @@ class Tracker:
         base_from_tracker = standpoint(chance["tracker_frame"])
         seen = displaced(point, self.base_drift, time)
         seen = inverse(base_from_tracker, seen)
-        observed = -seen / np.linalg.norm(seen, axis=2, keepdims=True)
+        toward = -seen / np.linalg.norm(seen, axis=2, keepdims=True)
         reading = displaced((1.0 + self.scale) * seen, self.drift, time)
         reading += smooth_field(self.field, chance["tracker_field"]).at(seen)
         sigma = self.noise * np.array(self.repeatability) / np.sqrt(self.frames)
         reading += sigma * chance["tracker_noise"].standard_normal(point.shape)
         hidden = chance["occlusions"].random(point.shape[:2]) < self.occlusions
         if self.widest_view is not None:
-            facing = np.sum(normal @ base_from_tracker[:3, :3] * observed, axis=2)
+            facing = np.sum(normal @ base_from_tracker[:3, :3] * toward, axis=2)
             hidden |= facing < np.cos(self.widest_view)
         reading[hidden] = np.nan
         return reading, self._stated(base_from_tracker)

@@ -118,16 +118,13 @@ def values_of(
     return held.unit.inward(numbers), faults
 
 
-NO_READING = (
-    " Rows like this are left out and counted by skip_incomplete = true in [csv]; of "
-    "a marker that was not seen the cell is blank."
-)
+SKIPPED = "Rows like this are left out and counted by skip_incomplete = true in [csv]"
+NO_READING = f" {SKIPPED}; of a marker that was not seen the cell is blank."
 
 
 def _blank(row: int) -> str:
     return (
-        "blank; a blank is legal in marker and aK_link_deg columns alone. Rows like "
-        "this are left out and counted by skip_incomplete = true in [csv]."
+        f"blank; a blank is legal in marker and aK_link_deg columns alone. {SKIPPED}."
     )
 
 
