@@ -505,7 +505,8 @@ def refused_by_sizes(
 ) -> list[Decision]:
     """Return decisions on the names that hold nothing, or more than any arm has.
 
-    A law of one size that has the wrong sign has no other part that could be right.
+    A law of one magnitude that has the wrong sign has no other part that could be
+    right: what else it has is a share of that magnitude.
 
     Args:
         case: What may be looked at.
@@ -523,7 +524,8 @@ def refused_by_sizes(
         own = fitted.intervals
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
         sizes = {name: found.estimate for name, found in own.items()}
-        against = count == 1 and is_beyond_nothing(case.situation, term, sizes)
+        alone = count == 1 or len(term.hypothesis.magnitudes) == 1
+        against = alone and is_beyond_nothing(case.situation, term, sizes)
         possible = up_to_nothing(case.situation, term, own)
         if share > BEYOND or (share > 0.0 and against):
             reason = sizes_beyond_limits(case.situation, term, own)

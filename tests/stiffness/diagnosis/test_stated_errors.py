@@ -41,6 +41,7 @@ from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.stretched_spring import StretchedSpring
 from stiffness.experiment.residuals import weight_of
 from stiffness.experiment.sensor_noise import (
     average_encoders,
@@ -391,6 +392,22 @@ def test_law_of_one_size_with_a_wrong_sign_is_none_whatever_its_interval(plain, 
     fitted = [FittedParameters(own, 9.0, 3.0) for own in (width, springs)]
     told = refused_by_sizes(case, [play, foot], fitted, [1e4, 1e4], [1, 6])
     assert [(d.candidate, d.gate) for d in told] == [(play.name, "physical")]
+
+
+def test_spring_that_would_push_is_none_however_little_its_sign_explains(plain, arm):
+    """Its free length is a share of a torque that it cannot have."""
+    case = build_problem(prepare(plain, arm), (StretchedSpring(),))
+    spring = ModelTerm(StretchedSpring(), "a2", np.array([2.2, 0.6]))
+    own = {
+        "torque_nm": Interval(-12.0, -15.5, -8.2),
+        "free_length_ratio": Interval(0.6, 0.03, 1.1),
+    }
+    fitted = FittedParameters(own, 9.0, 3.0)
+    told = refused_by_sizes(case, [spring], [fitted], [1e5], [2])
+    assert [d.gate for d in told] == ["physical"]
+    pulls = own | {"torque_nm": Interval(12.0, 8.2, 15.5)}
+    fitted = FittedParameters(pulls, 9.0, 3.0)
+    assert not refused_by_sizes(case, [spring], [fitted], [1e5], [2])
 
 
 @pytest.mark.parametrize(("gain", "refused"), [(5e2, True), (1e5, False)])
