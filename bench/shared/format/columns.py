@@ -232,6 +232,7 @@ def layout_of(
     said which of them were recorded.
     """
     held, faults = _mapped(header, manifest, file)
+    faults += _read_twice(held, file)
     read = {source for h in held.values() for source in h.sources}
     made = made_by_rule(manifest)
     unclear = {n for n, entry in manifest.columns.items() if entry is UNCLEAR}
@@ -384,6 +385,29 @@ def _mapped(
             if one not in header
         ]
     return held, faults
+
+
+MEASURED = ("angle", "length", "force", "torque")
+"""Kinds of column of which no two are the same readings."""
+
+
+def _read_twice(held: Mapping[str, Held], file: str) -> list[str]:
+    """Return faults where axes, marks or directions are read from one column.
+
+    What was commanded and what was reported of one axis may be the same.
+    """
+    readers: dict[tuple[str, str], list[str]] = {}
+    for name, found in held.items():
+        at_zero = not all(factor for _, factor in found.terms)
+        if found.column.kind in MEASURED and len(found.sources) == 1 and not at_zero:
+            end = name.partition("_")[2] if found.column.axis else ""
+            readers.setdefault((found.sources[0], end), []).append(repr(name))
+    return [
+        f"{file}: {' and '.join(names)} are read from the same column, {source!r}; "
+        "each has its own."
+        for (source, _), names in readers.items()
+        if len(names) > 1
+    ]
 
 
 def _meant(name: str, header: Sequence[str], manifest: Manifest) -> str:

@@ -186,6 +186,19 @@ def test_a_sum_that_cannot_be_meant_is_one_fault(tmp_path, entry, words):
     assert words in fault
 
 
+@pytest.mark.parametrize("twice", ['"J1"', '{ from = "J1", factor = -1.0 }'])
+def test_two_axes_are_not_read_from_one_column(tmp_path, twice):
+    """But the commanded and the reported angle of one axis may be."""
+    lab = Lab()
+    lab.columns["a1_cmd_deg"] = '"J1"'
+    lab.columns["a2_deg"] = twice
+    lab.write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert "'a1_deg' and 'a2_deg' are read from the same column, 'J1'" in fault
+    lab.columns["a2_deg"] = '"J2"'
+    read_of(tmp_path, lab)
+
+
 def test_a_count_has_no_factor(tmp_path):
     lab = Lab()
     lab.columns["pose"] = '{ from = "Nr", factor = 2 }'
