@@ -147,6 +147,7 @@ def along_visits(
     values: Float[np.ndarray, " rows"],
     moved: "Moved",
     laws: int,
+    carries: bool = False,
 ) -> Float[np.ndarray, "rows laws"]:
     """Return states that follow any value over each visit, from 0 at its first row.
 
@@ -155,11 +156,12 @@ def along_visits(
         values: What is followed.
         moved: How states follow it.
         laws: How many there are.
+        carries: Whether each visit begins with the state that the one before left.
     """
-    path = values[situation.steps]
+    path = values[situation.steps].reshape(1 if carries else len(situation.steps), -1)
     found = _states(path, path[:, 0], np.zeros((laws, len(path))), moved)
-    each = [situation.from_steps(law) for law in np.moveaxis(found, 0, -1)]
-    return np.stack(each, axis=1)
+    law = np.moveaxis(found, 0, -1).reshape(laws, *situation.steps.shape)
+    return np.stack([situation.from_steps(one) for one in law], axis=1)
 
 
 def _stops(

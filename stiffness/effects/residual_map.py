@@ -17,11 +17,12 @@ A map of everything that could be left over belongs to no hypothesis and names n
 
 Columns of a place: torque in knots for loading and for unloading, torque with the
 axis' angle, with time, with axial force, with what it was a row before and how long it
-has stood; moments across the axis and what friction holds back of them; all that forces
-and moments on the place may turn or move linearly; and, between visits, the place's own
-small constant motions, the axis' angle in harmonics, a course of the base in time and
-the tracker's own errors; what the force sensor's channels take up of each other, hold
-back and drift by.
+has stood; moments across the axis and what friction holds back of them, from visit to
+visit anew and, at the base, as the visit before left it; all that forces and moments on
+the place may turn or move linearly; and, between visits, the place's own small constant
+motions, the axis' angle in harmonics, a course of the base in time and the tracker's
+own errors; what the force sensor's channels take up of each other, hold back and drift
+by.
 
 ==========  ==========================================================================
 Equation    compliance: (shift, turn) = C (F, M), C symmetric, without the axis' own
@@ -59,6 +60,7 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.statics import misread, reading
 from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.visits import BEFORE, memories
 
 # --- Errors of a levelled tracker -----------------------------------------------------
 
@@ -373,17 +375,26 @@ def _one_sided(
 
 def _lagging(
     situation: StaticState,
-    across: Float[np.ndarray, "rows 3 2"],
-    moment: Float[np.ndarray, "rows 2"],
+    about: Float[np.ndarray, "rows 3 directions"],
+    moment: Float[np.ndarray, "rows directions"],
+    carries: bool = False,
 ) -> Float[np.ndarray, "rows 3 columns"]:
-    """Return rotations about both directions by what friction holds of each moment."""
+    """Return rotations about some directions by what friction holds of each moment.
+
+    Args:
+        situation: With the order of rows.
+        about: The directions.
+        moment: About each.
+        carries: Whether each visit begins with what the one before left.
+    """
     columns = []
     for j, own in enumerate(moment.T):
         path = own[situation.steps]
-        largest = max(float(np.max(np.abs(path - path[:, :1]))), 1e-9)
-        slips = np.array(SLIPS) * largest
-        stops = along_visits(situation, own, slipped(slips), len(slips)) / slips
-        columns.append(across[:, :, j, None] * stops[:, None, :])
+        start = path[0, 0] if carries else path[:, :1]
+        slips = np.array(SLIPS) * max(float(np.max(np.abs(path - start))), 1e-9)
+        moved = slipped(slips)
+        stops = along_visits(situation, own, moved, len(slips), carries) / slips
+        columns.append(about[:, :, j, None] * stops[:, None, :])
     return np.concatenate(columns, axis=2)
 
 
@@ -529,11 +540,11 @@ def _of_base(situation: StaticState) -> list[MapBlock]:
         for t in slow.T
         for law in (translate, lambda p, r: rotate(p, r, origin))
     ]
-    lag = _lagging(situation, eye[:, :, :2], situation.moment[:, 0, :2])
-    found = [
-        block("load", "load", loads + shifts),
-        block("friction", "history", [rotate(0, lag, origin)]),
-    ]
+    found = [block("load", "load", loads + shifts)]
+    for kind, carries in (("friction", False), ("memory", True)):
+        if not carries or BEFORE in memories(situation.recording.visit):
+            lag = _lagging(situation, eye, situation.moment[:, 0], carries)
+            found.append(block(kind, "history", [rotate(0, lag, origin)]))
     if drift:
         found.append(block("time", "time", drift))
     if quick.shape[1] > slow.shape[1]:

@@ -19,6 +19,8 @@ from scenarios.studies.damage import in_another_order
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.nominal_fit import with_noise
 from stiffness.diagnosis.result import Name, NamedEffect
+from stiffness.effects.jacobian import BodyTwist
+from stiffness.effects.residual_map import residual_map
 from stiffness.experiment.visits import BEFORE, NOTHING, UNKNOWN
 
 
@@ -165,3 +167,38 @@ def test_one_memory_of_all_gears_is_that_of_what_explains_most(shares, memory):
     kinds = {"a2": "forgotten", "a1": "carried"}
     others = {axis: kind for axis, kind in kinds.items() if kind != memory}
     assert memory_of(of or named)[1] == others
+
+
+@pytest.mark.parametrize("carries", [True, False])
+def test_foot_that_slips_is_one_of_the_maps_own_states(carries):
+    """Where each visit begins as the one before ended, or at rest."""
+    here = prepared().situation
+    path = here.moment[here.steps, 0]
+    limit, state, last = 0.15 * np.ptp(path[..., 1]), np.zeros(3), path[0, 0]
+    held = np.zeros_like(path)
+    for visit, row in np.ndindex(path.shape[:2]):
+        if row == 0 and not carries:
+            state, last = np.zeros(3), path[visit, 0]
+        state, last = state + path[visit, row] - last, path[visit, row]
+        state = state * min(1.0, limit / max(np.linalg.norm(state), 1e-12))
+        held[visit, row] = state
+    turned = np.stack([here.from_steps(one) for one in np.moveaxis(held, 2, 0)])
+    left = {}
+    for block in residual_map(here):
+        if block.where == "base" and block.depends_on == "history":
+            (part,) = block.jacobian.parts
+            assert isinstance(part, BodyTwist)
+            columns = part.twist[:, 3:].reshape(-1, block.jacobian.columns)
+            told = columns @ np.linalg.lstsq(columns, turned.T.ravel())[0]
+            left[block.kind] = np.sum((turned.T.ravel() - told) ** 2)
+    own, other = ("memory", "friction") if carries else ("friction", "memory")
+    assert left[own] < 0.2 * np.sum(turned**2)
+    assert left[own] < 0.4 * left[other]
+
+
+def test_foot_carries_nothing_over_visits_that_are_missing():
+    here = prepared().situation
+    apart = replace(here.recording, visit=2 * here.recording.visit)
+    blocks = residual_map(replace(here, recording=apart))
+    lost = {b.kind for b in residual_map(here)} - {b.kind for b in blocks}
+    assert lost == {"memory"}
