@@ -358,11 +358,23 @@ physical from which on an interval is wide; chosen."""
 def as_held(
     situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
 ) -> dict[str, Interval]:
-    """Return parameters within their limits, without ends where no data hold them."""
+    """Return parameters within their limits, without ends where no data hold them.
+
+    As where a shape may have any value that is tried.
+    """
     limits = member.hypothesis.limits_at(situation, member.where)
+    names = enumerate(member.shape_names)
+    tried = {name: member.grid(situation, j) for j, name in names}
+
+    def held(name: str, p: Interval) -> bool:
+        if not is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0):
+            return False
+        grid = tried.get(name, np.zeros(1))
+        return not p.low <= grid[0] < grid[-1] <= p.high
+
     return {
         name: _within(limits.get(name), p)
-        if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
+        if held(name, p)
         else Interval(p.estimate, -np.inf, np.inf)
         for name, p in parameters.items()
     }

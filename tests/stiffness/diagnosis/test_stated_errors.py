@@ -22,7 +22,7 @@ from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.diagnose import diagnose, rms_summary
-from stiffness.diagnosis.gate import cost_of_limits, refused_by_sizes
+from stiffness.diagnosis.gate import as_held, cost_of_limits, refused_by_sizes
 from stiffness.diagnosis.model_evaluation import _mean_square_of
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -42,6 +42,7 @@ from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.stretched_spring import StretchedSpring
+from stiffness.effects.transmission_error import TransmissionError
 from stiffness.experiment.residuals import weight_of
 from stiffness.experiment.sensor_noise import (
     average_encoders,
@@ -408,6 +409,21 @@ def test_spring_that_would_push_is_none_however_little_its_sign_explains(plain, 
     pulls = own | {"torque_nm": Interval(12.0, 8.2, 15.5)}
     fitted = FittedParameters(pulls, 9.0, 3.0)
     assert not refused_by_sizes(case, [spring], [fitted], [1e5], [2])
+
+
+@pytest.mark.parametrize(("half", "held"), [(0.4, True), (19.0, False)])
+def test_interval_of_a_shape_that_may_be_any_is_not_told(plain, arm, half, held):
+    """Of a wave of order 1 ± 19; its estimate stays, for the patch needs one."""
+    situation = prepare(plain, arm).situation
+    wave = ModelTerm(TransmissionError(), "a2", np.ones(1))
+    found = {
+        "amplitude_rad": Interval(5e-5, 3e-5, 7e-5),
+        "order": Interval(1.0, 1.0 - half, 1.0 + half),
+    }
+    told = as_held(situation, wave, found)
+    assert told["amplitude_rad"] == found["amplitude_rad"]
+    assert told["order"].estimate == 1.0
+    assert np.isfinite([told["order"].low, told["order"].high]).all() == held
 
 
 @pytest.mark.parametrize(("gain", "refused"), [(5e2, True), (1e5, False)])
