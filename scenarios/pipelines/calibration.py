@@ -29,7 +29,6 @@ from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from bench.shared.settings import MM, MRAD, SETTINGS, UM
 from scenarios.pipelines.calibration_proof import (
-    ALPHA,
     CalibrationProof,
     ResidualSummary,
     proved,
@@ -83,6 +82,7 @@ from stiffness.experiment.outliers import (
     outliers_of,
     without_outliers,
 )
+from stiffness.regression.testing import SIGNIFICANCE
 from stiffness.robot.arm import Arm
 
 # --- The entry in schema 1 ------------------------------------------------------------
@@ -114,7 +114,7 @@ def answer_of(
     if found.turns_at_first is not None and proof.rotations is not None:
         tests.append(found.turns_at_first.p_value)
     p_value = min(1.0, rejected, len(tests) * min(tests))
-    something = p_value < ALPHA or proof.improves
+    something = p_value < SIGNIFICANCE or proof.improves
     names = found.named if proof.improves else ()
     entry = (
         None
@@ -131,7 +131,7 @@ def answer_of(
     )
     share = proof.explained
     explained = share and interval_of(share)
-    passes = residual.p_value >= ALPHA
+    passes = residual.p_value >= SIGNIFICANCE
     improves = proof.improves and not proof.failed
     verdict = verdict_of(
         Findings(something, bool(names), passes, True, entry, explained, improves)

@@ -26,12 +26,13 @@ from bench.proof.explained_share import (
 from bench.proof.setup import for_simulator, model_body, point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
-from bench.shared.settings import SETTINGS, Interval
+from bench.shared.settings import Interval
 from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
 from scenarios.pipelines.schema import label
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.result import Calibrated, drift_term
 from stiffness.calibration.selection import IMPOSSIBLE, MARGIN
+from stiffness.regression.testing import SIGNIFICANCE
 from stiffness.robot.tracker_frame import kabsch, rotations
 
 # --- Proof on held-out poses ----------------------------------------------------------
@@ -266,7 +267,6 @@ def _p_value(against: Bool[np.ndarray, " draws"]) -> float:
 FAR = np.radians(1.0)
 """An angle further than this from every fitted one lies outside an error table, in rad;
 chosen: a quarter of the shortest wave that matters."""
-ALPHA = SETTINGS.significance
 
 
 @dataclass(frozen=True)
@@ -308,19 +308,19 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
     common = np.sqrt(max(last.share, 0.0)) * last.rms
     words, turned = [], found.turns_at_last
     tests = 1 if turned is None else 2
-    if last.p_value < ALPHA:
+    if last.p_value < SIGNIFICANCE:
         words.append(
             f"neighbouring poses have {1e6 * common:.1f} µm rms in common and differ "
             f"by {1e6 * last.noise:.1f} µm: smooth in posture, not noise"
         )
-    if turned is not None and tests * turned.p_value < ALPHA:
+    if turned is not None and tests * turned.p_value < SIGNIFICANCE:
         words.append(
             f"orientations of neighbouring poses have "
             f"{1e3 * np.sqrt(max(turned.share, 0.0)) * turned.rms:.3f} mrad rms in "
             f"common and differ by {1e3 * turned.noise:.3f} mrad"
         )
     floor, beyond = _beyond_stated(found, left, region)
-    if beyond < ALPHA:
+    if beyond < SIGNIFICANCE:
         words.append(
             f"{1e6 * rms(left):.1f} µm are left where the stated noise leaves "
             f"{1e6 * floor:.1f} µm: something more, or more noise than is stated"

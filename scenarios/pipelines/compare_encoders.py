@@ -18,7 +18,7 @@ from bench.patch import Patch
 from bench.proof.explained_share import explained_share, percentile, resampled
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
-from bench.shared.settings import SETTINGS, URAD
+from bench.shared.settings import URAD
 from scenarios.pipelines.encoder_axes import Axis, heldout_comparison, whole_rms
 from scenarios.pipelines.patching import patch_of_encoders
 from scenarios.pipelines.schema import (
@@ -48,11 +48,10 @@ from stiffness.dual_encoder.fit import (
 from stiffness.dual_encoder.motions import axes_read_twice
 from stiffness.dual_encoder.selection import BORROWED, orders_alike
 from stiffness.dual_encoder.terms import FRICTION, WIDTHS, WOUND, Term
-from stiffness.regression.testing import SMALLEST
+from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
 
 # --- Names and parameters -------------------------------------------------------------
 
-ALPHA = SETTINGS.significance
 SUREST = 0.9999
 
 
@@ -89,7 +88,7 @@ def contradicts(axis: Axis) -> bool:
         axis.model_compliance > 0.0
         and axis.compliance is not None
         and not axis.is_nominal_spring
-        and axis.p_value_before < ALPHA
+        and axis.p_value_before < SIGNIFICANCE
     )
 
 
@@ -281,8 +280,8 @@ def _known(a: Axis) -> bool:
 def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
     """Return the comparison of all axes as an answer in schema 1."""
     p = min(1.0, len(axes) * min(map(_p_value, axes)))
-    named = tuple(c for a in axes for c in called(a)) if p < ALPHA else ()
-    more = len(axes) * min(a.p_value_after for a in axes) < ALPHA
+    named = tuple(c for a in axes for c in called(a)) if p < SIGNIFICANCE else ()
+    more = len(axes) * min(a.p_value_after for a in axes) < SIGNIFICANCE
     before = np.concatenate([a.before for a in axes])
     after = np.concatenate([a.after for a in axes])
     entry = Proved(
@@ -294,13 +293,15 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
         gain_urad=_gain(axes),
     )
     share = _explained(axes)
-    verdict = verdict_of(Findings(p < ALPHA, bool(named), not more, True, entry, share))
+    verdict = verdict_of(
+        Findings(p < SIGNIFICANCE, bool(named), not more, True, entry, share)
+    )
     open_ = verdict not in ("no_mismatch", "explained")
     return Answer(
         recording=name,
         verdict=verdict,
         detection=Detected(p, None, None, None),
-        located=_located(axes) if p < ALPHA else (),
+        located=_located(axes) if p < SIGNIFICANCE else (),
         explained_share=share,
         named=named,
         unexplained=unexplained(axes) if open_ else None,
@@ -343,7 +344,7 @@ def _located(axes: Sequence[Axis]) -> tuple[Placed, ...]:
             "while the axis moves",
         )
         for a in sorted(axes, key=lambda a: -float(a.before @ a.before))
-        if called(a) or _p_value(a) < ALPHA
+        if called(a) or _p_value(a) < SIGNIFICANCE
     )
 
 
