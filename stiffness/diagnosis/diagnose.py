@@ -66,7 +66,7 @@ from stiffness.diagnosis.result import (
     Unexplained,
     UnexplainedPlace,
     Warned,
-    beyond_limits,
+    remarks_on,
     scattered,
 )
 from stiffness.diagnosis.selection import (
@@ -399,7 +399,7 @@ def diagnose(
     answer |= _with_split_shares(answer, splits)
     answer |= _left_by_scattering(answer, scattering)
     if answer["verdict"] != "explained":
-        common["warnings"] += beyond_limits(answer["decisions"])
+        common["warnings"] += remarks_on(answer["decisions"])
     if scatter and prepared.degrees_of_freedom and answer["verdict"] == "explained":
         text = "readings scatter by more than their measured noise, along no law"
         answer["verdict"], answer["unexplained"] = (

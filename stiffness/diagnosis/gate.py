@@ -35,7 +35,12 @@ from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     per_pose_scores,
 )
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import (
+    Hypothesis,
+    are_near,
+    are_neighbours,
+    site_number,
+)
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import FittedParameters
 from stiffness.regression.normal_equations import (
@@ -178,6 +183,34 @@ def budget_parts(found: PoseStatistics, fit: ModelFit) -> tuple[float, ...]:
     return tuple(float(along[a:b].sum()) / total for a, b in pairwise(ends))
 
 
+CANCELLED = 0.5
+"""Part of what a set explains that its terms may undo of each other, and from which
+on a name is one of those that do. Chosen: of 9,758 names of concealed arms none has a
+part below -0.46."""
+
+
+def cancelled_names(
+    members: Sequence[ModelTerm], parts: Sequence[float]
+) -> list[Decision]:
+    """Return the names that mostly undo what others of their set do.
+
+    Each of them would displace the arm more than it is displaced: they are large to
+    leave a little of what none of them is.
+
+    Args:
+        members: The set.
+        parts: `budget_parts` of it.
+    """
+    if -sum(min(part, 0.0) for part in parts) <= CANCELLED:
+        return []
+    reason = "it and other names mostly undo each other"
+    return [
+        Decision(m.name, "cancelled", False, abs(part), CANCELLED, reason)
+        for m, part in zip(members, parts, strict=True)
+        if not m.is_generic and abs(part) > CANCELLED
+    ]
+
+
 # --- Gate on poses left out -----------------------------------------------------------
 
 SECOND_ORDER = 0.0025
@@ -247,38 +280,6 @@ def second_order_name(
                 Decision(term.name, "second_order", False, share, SECOND_ORDER, reason)
             )
     return min(found, key=lambda d: d.statistic, default=None)
-
-
-OFF_THE_ARM = 99
-"""Number of a site that is no axis, link or base; beyond any axis."""
-
-
-def are_neighbours(one: str, other: str) -> bool:
-    """Return whether two sites are the same, or neighbours along the arm."""
-    on_arm = max(*_axes_at(one), *_axes_at(other)) < OFF_THE_ARM
-    return one == other or (on_arm and are_near(one, other))
-
-
-def are_near(one: str, other: str) -> bool:
-    """Return whether two sites are neighbours, or both are no axis, link or base."""
-    pairs = ((a, b) for a in _axes_at(one) for b in _axes_at(other))
-    return min(abs(a - b) for a, b in pairs) <= 1
-
-
-def _axes_at(where: str) -> tuple[int, ...]:
-    """Return the numbers of the axes at a site: both of a link, 0 for the base."""
-    last = site_number(where)
-    return (last - 1, last) if where.startswith("link_") else (last,)
-
-
-def site_number(where: str) -> int:
-    """Return the place of the map where something shows: of a link, the axis after.
-
-    0 for the base, far for a tool and for instruments.
-    """
-    digits = where.removeprefix("link_").removeprefix("a")
-    number = int(digits) if digits.isdigit() else 0 if where == "base" else OFF_THE_ARM
-    return number + where.startswith("link_")
 
 
 ANYWHERE = frozenset({"angle", "load"})

@@ -210,7 +210,7 @@ class UnexplainedPlace:
     law: str = ""
 
 
-def beyond_limits(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
+def _beyond_limits(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
     """Say which effects would do what has no name, with sizes that are not possible."""
     why = {d.candidate: d.reason for d in decisions if d.gate == "physical"}
     return tuple(
@@ -222,6 +222,26 @@ def beyond_limits(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
         )
         for (effect, where), reason in why.items()
     )
+
+
+def _tared_under_load(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
+    """Say that one force along each visit's load is missing in all of its rows."""
+    asked = (d for d in decisions if d.candidate[0] == "generic_tare")
+    text = (
+        "part of the mismatch is what one force would do that pulls in each row as the "
+        "visit's load does, also where none is read. Was the sensor zeroed while a "
+        "hook, a pan or a rope's tension pulled, or is their weight not counted?"
+    )
+    return tuple(
+        Warned("tared_under_load", d.candidate[1], text)
+        for d in asked
+        if d.gate == "left_out" and d.accepted
+    )
+
+
+def remarks_on(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
+    """Say what decisions tell of the set-up, where the mismatch is not explained."""
+    return (*_beyond_limits(decisions), *_tared_under_load(decisions))
 
 
 SCATTER = "scatter"

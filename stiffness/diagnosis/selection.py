@@ -22,6 +22,8 @@ from jaxtyping import Float
 from bench.shared.settings import SETTINGS, Interval
 from stiffness.diagnosis.gate import (
     PoseStatistics,
+    budget_parts,
+    cancelled_names,
     drop_one_gains,
     gate_terms,
     has_wrong_sign,
@@ -401,6 +403,9 @@ def _judged(
             of_sizes = held_by_nothing(terms, parameters)
         less = {d.candidate: with_part_less(case, terms, d.candidate) for d in of_sizes}
         withheld = [d for d in of_sizes if not d.accepted or less[d.candidate]]
+        if not withheld:
+            parts = budget_parts(statistics, look.fit)
+            withheld = cancelled_names(look.fit.members, parts)
         if not withheld:
             break
         z = dict(zip(gated.names, gated.z, strict=True))

@@ -37,7 +37,6 @@ from stiffness.diagnosis.detection import (
     residual_test,
 )
 from stiffness.diagnosis.gate import (
-    are_near,
     as_held,
     budget_parts,
     is_local,
@@ -73,6 +72,7 @@ from stiffness.diagnosis.result import (
 )
 from stiffness.diagnosis.selection import SelectedModel, exchange_search
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
+from stiffness.effects.base import are_near
 from stiffness.regression.group_selection import LIVE, exchange_worths
 from stiffness.regression.predictive_gate import last_of_each
 from stiffness.regression.testing import SIGNIFICANCE

@@ -381,3 +381,37 @@ def inside_of(
     """Return a point of a body in the frame of the body that carries it, in m."""
     placement = situation.arm.attachment(body).placement
     return placement[:3, :3] @ position + placement[:3, 3]
+
+
+# --- Sites ---------------------------------------------------------------------------
+
+OFF_THE_ARM = 99
+"""Number of a site that is no axis, link or base; beyond any axis."""
+
+
+def are_neighbours(one: str, other: str) -> bool:
+    """Return whether two sites are the same, or neighbours along the arm."""
+    on_arm = max(*_axes_at(one), *_axes_at(other)) < OFF_THE_ARM
+    return one == other or (on_arm and are_near(one, other))
+
+
+def are_near(one: str, other: str) -> bool:
+    """Return whether two sites are neighbours, or both are no axis, link or base."""
+    pairs = ((a, b) for a in _axes_at(one) for b in _axes_at(other))
+    return min(abs(a - b) for a, b in pairs) <= 1
+
+
+def _axes_at(where: str) -> tuple[int, ...]:
+    """Return the numbers of the axes at a site: both of a link, 0 for the base."""
+    last = site_number(where)
+    return (last - 1, last) if where.startswith("link_") else (last,)
+
+
+def site_number(where: str) -> int:
+    """Return the place of the map where something shows: of a link, the axis after.
+
+    0 for the base, far for a tool and for instruments.
+    """
+    digits = where.removeprefix("link_").removeprefix("a")
+    number = int(digits) if digits.isdigit() else 0 if where == "base" else OFF_THE_ARM
+    return number + where.startswith("link_")

@@ -22,7 +22,7 @@ visit anew and, at the base, as the visit before left it; all that forces and mo
 the place may turn or move linearly; and, between visits, the place's own small constant
 motions, the axis' angle in harmonics, a course of the base in time and the tracker's
 own errors; what the force sensor's channels take up of each other, hold back and drift
-by.
+by, and what of each visit's load was tared away.
 
 ==========  ==========================================================================
 Equation    compliance: (shift, turn) = C (F, M), C symmetric, without the axis' own
@@ -53,6 +53,7 @@ from stiffness.effects.jacobian import (
     JacobianBlock,
     JointRotation,
     MarkerDisplacement,
+    mixture,
     rotate,
     rotation_about,
     six_motions,
@@ -466,9 +467,9 @@ def _of_sensor(situation: StaticState) -> list[MapBlock]:
     """Return what axes' springs do where the force sensor errs.
 
     By what each channel takes up of each, its 6 x 6 matrix of gains and crosstalk, and
-    by its own square; by what it holds back of its own changes; by how its zero goes.
-    Per share of the largest force and of the largest moment that were read. Nothing of
-    channels that are `NOISY`.
+    by its own square; by what it holds back of its own changes; by how its zero goes;
+    by what was tared away. Per share of the largest force and of the largest moment
+    that were read. Nothing of channels that are `NOISY`.
     """
     if situation.recording.wrench is None or not sprung(situation):
         return []
@@ -492,7 +493,27 @@ def _of_sensor(situation: StaticState) -> list[MapBlock]:
     for kind, depends_on, to, law in (of_kind for of_kind in laws if len(of_kind[2])):
         done = misread(situation, to, full[to] * law)
         blocks.append(MapBlock(SENSOR, kind, depends_on, done))
+    if np.all(sigma[:3] <= NOISY * full[:3]):
+        more = full[0] * _along_load(situation, read)
+        tared = mixture(misread(situation, each, more), np.ones((6, 1)))
+        blocks.append(MapBlock(SENSOR, "tare", "load", tared))
     return blocks
+
+
+def _along_load(
+    situation: StaticState, read: Float[np.ndarray, "rows 6"]
+) -> Float[np.ndarray, "rows 6"]:
+    """Return a force of 1 N as each visit's largest load pulls, in all of its rows.
+
+    A rope that is under tension, or carries a hook, while the sensor is zeroed pulls
+    more by the same in each row.
+    """
+    force = np.linalg.norm(read[:, :3], axis=1)
+    steps = situation.steps
+    most = steps[np.arange(len(steps)), np.argmax(force[steps], axis=1)]
+    pulled = force[most] > MOVED * max(float(np.max(force)), LEAST_READ)
+    unit = read[most] * (pulled / np.maximum(force[most], LEAST_READ))[:, None]
+    return unit[situation.visit]
 
 
 def _loading(

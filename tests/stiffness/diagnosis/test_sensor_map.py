@@ -13,11 +13,16 @@ from bench.experiment import record
 from bench.instruments import Instruments
 from bench.instruments.force_sensor import ForceSensor
 from bench.rig import Rig
+from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects.encoder_offset import EncoderOffset
+from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_load import GravityLoad
+from stiffness.effects.jacobian import JointRotation
 from stiffness.effects.mass_scale import MassScale
 from stiffness.effects.residual_map import residual_map
+from stiffness.effects.statics import reading, torque_at_sensor
 from stiffness.effects.wrench_gain import WrenchGain
 from stiffness.effects.wrench_misalignment import WrenchMisalignment
 
@@ -69,6 +74,53 @@ def test_force_sensor_that_errs_by_its_data_sheet_takes_no_names_of_the_arm(depe
     assert named <= {"bearing_tilt@a4"}
     assert {one.where for one in found.unexplained_places} == {"wrench_sensor"}
     assert depends_on in found.unexplained_places[0].depends_on
+
+
+def loads_of_visits(made: Recording) -> np.ndarray:
+    """Return the largest load of each row's visit, as it was read."""
+    assert made.wrench is not None
+    force = np.linalg.norm(made.wrench[:, :3], axis=1)
+    most = np.zeros_like(made.wrench)
+    for visit in np.unique(made.visit):
+        own = np.flatnonzero(made.visit == visit)
+        most[own] = made.wrench[own[np.argmax(force[own])]]
+    return most
+
+
+def test_sensor_zeroed_under_a_load_is_placed_and_takes_no_weights():
+    """A hook of a tenth of the largest load hung on the rope, in each visit."""
+    true = {
+        "hysteresis@a2": "width_rad=2e-4",
+        "bearing_tilt@a4": "u_rad_per_nm=8e-6,v_rad_per_nm=8e-6",
+        "encoder_offset@a3": "offset_rad=4e-4",
+    }
+    made = recording(*(f"{name},{size}" for name, size in true.items()), poses=60)
+    assert made.wrench is not None
+    zeroed = replace(made, wrench=made.wrench - 0.1 * loads_of_visits(made))
+    laws = (*MECHANICS, EncoderOffset(), GravityLoad(), GeometryError(), WrenchGain())
+    found = diagnose(zeroed, arm(), laws)
+    assert {f"{e.name.effect}@{e.name.where}" for e in found.named} == {*true}
+    assert found.unexplained_places[0].where == "wrench_sensor"
+    said = {(w.code, w.where) for w in found.warnings}
+    assert ("tared_under_load", "wrench_sensor") in said
+
+
+def test_what_was_tared_away_pulls_as_the_visits_load_does():
+    """Equation: per newton of the largest force, J' of the visit's load over its size.
+
+    Rows without a load have it too.
+    """
+    here = prepared().situation
+    (tare,) = (b.jacobian for b in residual_map(here) if b.kind == "tare")
+    most = loads_of_visits(replace(here.recording, wrench=reading(here)))
+    force = np.linalg.norm(most[:, :3], axis=1, keepdims=True)
+    parts = np.split(most / force, 2, axis=1)
+    along = np.concatenate([(here.sensor_axes @ p[..., None]) for p in parts], axis=1)
+    wound = torque_at_sensor(here, along)[..., 0] * here.compliance
+    assert np.abs(wound[here.steps[:, 0]]).max() > 1e-7
+    for part in tare.parts:
+        assert isinstance(part, JointRotation)
+        assert_allclose(part.law[:, 0], np.max(force) * wound[:, part.axis], atol=1e-12)
 
 
 def test_channels_of_the_map_do_what_gains_do():

@@ -16,6 +16,7 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.exchanges import _exchange_step
 from stiffness.diagnosis.gate import (
     budget_parts,
+    cancelled_names,
     gate_terms,
     pose_statistics,
     second_order_name,
@@ -46,6 +47,7 @@ from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.drift import Drift
+from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
@@ -187,6 +189,22 @@ def test_part_of_the_budget_is_what_a_name_displaces_along_all_names_together():
         budget_parts(model.statistics, model.fit), expected, rtol=1e-3, atol=1e-5
     )
     assert_allclose(sum(budget_parts(model.statistics, model.fit)), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("parts", "withheld"),
+    [
+        ((0.6, 0.5, -0.1), set()),  # a name may go against the others a little
+        ((3.8, -3.5, 0.7), {0, 1, 2}),
+        ((3.8, -3.0, 0.2), {0, 1}),
+    ],
+)
+def test_names_that_mostly_undo_each_other_are_withheld(parts, withheld):
+    """Zeros of 5 mrad and lengths of 3 mm did what a hook on the rope had done."""
+    laws = (EncoderOffset(), GeometryError(), Hysteresis())
+    members = [ModelTerm(law, "a3", np.zeros(0)) for law in laws]
+    found = {d.candidate for d in cancelled_names(members, parts)}
+    assert found == {members[k].name for k in withheld}
 
 
 def test_a_rival_exchanges_one_of_the_names_given_or_adds_one_that_is_not_sure():
