@@ -13,6 +13,7 @@ Ignores     sets that differ by two names at once from all that were tried
 ==========  ==========================================================================
 """
 
+import inspect
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -320,6 +321,23 @@ def with_part_less(
     less = replace(term, shape=term.shape[parts])
     every = tuple(less if t is term else t for t in terms)
     return every if len(parts) < len(near) else ()
+
+
+def with_plain_law(
+    case: SelectionProblem, terms: Sequence[ModelTerm], name: Name
+) -> tuple[ModelTerm, ...]:
+    """Return a set where a form of a law is the law itself; empty: it is that.
+
+    Where a form is impossible the law that it extends may still hold.
+    """
+    term = next(term for term in terms if term.name == name)
+    plain = type(term.hypothesis).__mro__[1]
+    if not issubclass(plain, Hypothesis) or inspect.isabstract(plain):
+        return ()
+    law, values = plain(), dict(zip(term.shape_names, term.shape, strict=True))
+    shape = np.array([values[n] for n in law.shape_names if n in values])
+    less = replace(term, hypothesis=law, shape=shape)
+    return fit_shapes(case, [less if t is term else t for t in terms])
 
 
 STARTS_OF_LAW = 4

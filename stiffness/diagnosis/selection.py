@@ -38,6 +38,7 @@ from stiffness.diagnosis.joint_fit import (
     unexplained,
 )
 from stiffness.diagnosis.model_evaluation import (
+    ModelEvaluation,
     dispersion_of,
     evaluate_consistently,
     parameters_of,
@@ -65,6 +66,7 @@ from stiffness.diagnosis.search import (
     replaced_by_forms,
     with_generic_terms,
     with_part_less,
+    with_plain_law,
 )
 from stiffness.effects.candidates import Library
 from stiffness.effects.residual_map import shows_everywhere
@@ -72,6 +74,7 @@ from stiffness.regression.group_selection import (
     GroupSelection,
     select_groups,
 )
+from stiffness.regression.intervals import FittedParameters
 from stiffness.regression.predictive_gate import Decision, Name, last_of_each
 from stiffness.regression.splits import Split
 
@@ -379,7 +382,6 @@ def _judged(
     Where a name is physically impossible, another is searched in its place.
     """
     decisions, refused = list(first), dict[Name, Name]()  # and for whose sake
-    here = case.situation, case.springs
     while True:
         terms = beyond_present_names(terms)
         statistics = pose_statistics(case, terms)
@@ -392,15 +394,9 @@ def _judged(
             decisions.append(slightest)
             terms = tuple(t for t in terms if t.name != slightest.candidate)
             continue
-        beside = of_the_same_kinds(case, terms, refused)
-        look = evaluate_consistently(case, terms, beside)
-        parameters = parameters_of(*here, look.selected_alone, case.split)
         gains = drop_one_gains(statistics, terms)
-        columns = [len(own) for own in look.fit.coefficients]
-        of_sizes = refused_by_sizes(case, terms, parameters, gains, columns)
-        if beside and all(d.accepted for d in of_sizes):  # and what is reported
-            parameters = parameters_of(*here, look, case.split)
-            of_sizes = held_by_nothing(terms, parameters)
+        sized = _sized(case, terms, gains, refused)
+        look, of_sizes = sized.look, sized.decisions
         less = {d.candidate: with_part_less(case, terms, d.candidate) for d in of_sizes}
         withheld = [d for d in of_sizes if not d.accepted or less[d.candidate]]
         if not withheld:
@@ -415,6 +411,9 @@ def _judged(
             terms = fit_shapes(case, less[wrong])
             continue
         if weakest.gate == "physical":
+            if plain := with_plain_law(case, terms, wrong):
+                terms = plain
+                continue
             weakest = _needed_least(case, look.fit, weakest)
         decisions.append(weakest)
         terms = tuple(term for term in terms if term.name != weakest.candidate)
@@ -432,7 +431,7 @@ def _judged(
         replace(look.fit, gain=linear.gain, nominal_gain=linear.nominal_gain),
         tuple(fine),
         frozenset(refused),
-        tuple(own.intervals for own in parameters),
+        tuple(own.intervals for own in sized.parameters),
         gains,
         gated.lost,
         statistics,
@@ -440,6 +439,49 @@ def _judged(
         statistics.share(gated.gain),
         last_of_each([*decisions, *of_sizes]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sized:
+    """A set with its parameters, as reported.
+
+    Attributes:
+        look: The fitted set.
+        parameters: Of each term.
+        decisions: On names by their sizes.
+    """
+
+    look: ModelEvaluation
+    parameters: Sequence[FittedParameters]
+    decisions: Sequence[Decision]
+
+
+def _sized(
+    case: SelectionProblem,
+    terms: Sequence[ModelTerm],
+    gains: Sequence[float],
+    refused: Collection[Name],
+) -> _Sized:
+    """Return the parameters of a set, and which names they withhold.
+
+    Beside terms of the same kinds only where none is withheld by the set's own.
+
+    Args:
+        case: What may be looked at.
+        terms: The set.
+        gains: What each term explains that the others do not.
+        refused: Names that are left out.
+    """
+    here = case.situation, case.springs
+    beside = of_the_same_kinds(case, terms, refused)
+    look = evaluate_consistently(case, terms, beside)
+    parameters = parameters_of(*here, look.selected_alone, case.split)
+    columns = [len(own) for own in look.fit.coefficients]
+    decisions = refused_by_sizes(case, terms, parameters, gains, columns)
+    if beside and all(d.accepted for d in decisions):
+        parameters = parameters_of(*here, look, case.split)
+        decisions = held_by_nothing(terms, parameters)
+    return _Sized(look, parameters, decisions)
 
 
 def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Decision:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from small_bench import MECHANICS, arm, nameless, prepared, recording, select_model
 
@@ -19,7 +20,7 @@ from stiffness.diagnosis.joint_fit import Layout, unexplained
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem, total_softening
-from stiffness.diagnosis.search import Search
+from stiffness.diagnosis.search import Search, with_plain_law
 from stiffness.diagnosis.selection import (
     _judged,
     _selected_under,
@@ -27,11 +28,14 @@ from stiffness.diagnosis.selection import (
 )
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
+from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
+from stiffness.effects.hardening_tilt import HardeningTilt
 from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.stretched_spring import StretchedSpring
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.regression.group_selection import select_groups
 from stiffness.regression.group_sets import FactorisedSet
@@ -261,3 +265,36 @@ def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
     assert not found.fit.members
     assert np.ptp(search.case.situation.torque - bare.situation.torque) > 1.0
     assert_allclose(found.case.situation.torque, bare.situation.torque, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("form", "shape", "plain", "kept"),
+    [
+        (StretchedSpring(), [2.2, 0.6], GravityCompensator(), []),
+        (HardeningTilt(), [0.05, 0.4, 20.0], BearingTilt(), [0.05]),
+        (GravityCompensator(), [], None, []),
+    ],
+)
+def test_law_stands_in_for_a_form_of_it_that_is_impossible(form, shape, plain, kept):
+    case = build_problem(prepared(), (Hardening(),))
+    other = ModelTerm(Hardening(), "a2", np.array([20.0, 0.0]))
+    term = ModelTerm(form, "a3", np.array(shape))
+    found = with_plain_law(case, (other, term), term.name)
+    if plain is None:
+        assert found == ()
+        return
+    assert [t.hypothesis for t in found] == [other.hypothesis, plain]
+    assert len(found[1].shape) == len(kept)
+
+
+def test_compensator_is_found_by_its_plain_law_where_a_form_of_it_would_push():
+    """Fitted beside other laws, a spring of some free length came out below zero."""
+    true = "gravity_compensator@a3,torque_nm=60,phase_rad=1.5"
+    seen = recording(true, "hardening@a3,stiffness_ratio=1.8,torque_nm=30")
+    case = build_problem(prepare(seen, arm().for_recording(seen)), (Hardening(),))
+    pushes = ModelTerm(StretchedSpring(), "a3", np.array([1.5 - np.pi, 0.6]))
+    model = _judged(case, (pushes,), (), ())
+    [found] = model.fit.members
+    assert found.hypothesis == GravityCompensator()
+    (torque,) = (p["torque_nm"] for p in model.parameters)
+    assert 0.0 < torque.low < 60.0 < torque.high
