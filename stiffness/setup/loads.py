@@ -41,9 +41,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import BenchError, Warned
-from bench.shared.recording import Marker, Recording
+from bench.shared.recording import UNLOADED, Marker, Recording
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState, point_jacobian
 from stiffness.robot.tracker_frame import TrackerFit, initial_tracker_frame
@@ -369,6 +370,60 @@ def _sag(
     )
 
 
+def of_tool(recording: Recording, arm: Arm) -> Warned | None:
+    """Doubt whether readings hold the tool's weight, by those without a load.
+
+    ==========  ======================================================================
+    Equation    f = m g + R b, f the force along the base's axes as it is used, R the
+                sensor's axes, b its zero: m = the tool's mass where it is not taken
+                off, minus that where it never was in the readings
+    Source      statics; least squares over means of postures
+    Valid       a sensor that turns with the arm; a tool of stated mass
+    Ignores     what hangs on the sensor beside the tool: m is another number then
+    ==========  ======================================================================
+
+    Args:
+        recording: With a wrench.
+        arm: The nominal arm, with the recording's names.
+    """
+    sensor, tool = recording.wrench_sensor, recording.tool
+    if sensor is None or sensor.frame != "sensor" or tool is None or tool.mass <= 0.0:
+        return None
+    none = recording.stage == UNLOADED
+    if recording.load_mass is not None:
+        none &= recording.load_mass == 0.0
+    some = recording.take(np.flatnonzero(none))
+    index = np.unique(some.posture_id, return_inverse=True)[1]
+    count = np.bincount(index)
+    if len(count) < FEWEST or not arm.chain.gravity.any():
+        return None
+    standing = arm.at(some.posture)
+    force = wrench_in_base(some, standing)[:, :3]
+    mounting = Rotation.from_quat(sensor.quaternion_wxyz, scalar_first=True)
+    axes = standing.turn(sensor.body) @ mounting.as_matrix()
+    pull = np.broadcast_to(arm.chain.gravity, force.shape)[..., None]
+    rows = np.concatenate([pull, axes, force[..., None]], axis=2)
+    mean = np.stack([np.bincount(index, v) for v in rows.reshape(len(rows), -1).T])
+    design = (mean / count).T.reshape(-1, 5)
+    size = np.linalg.svd(design[:, :4], compute_uv=False)
+    if size[-1] <= RANK * size[0]:
+        return None
+    found, square, _, _ = np.linalg.lstsq(design[:, :4], design[:, 4])
+    inverse = np.linalg.inv(design[:, :4].T @ design[:, :4])
+    error = float(np.sqrt(square.sum() / (len(design) - 4) * inverse[0, 0]))
+    held = float(found[0]) + tool.mass * sensor.includes_tool_weight
+    meant = 0.0 if sensor.includes_tool_weight else tool.mass
+    if abs(held - meant) > NEAR * tool.mass or error > SURE * tool.mass:
+        return None
+    other = "false" if sensor.includes_tool_weight else "true"
+    text = (
+        f"readings without a load hold {max(held, 0.0):.2f} kg that turn with gravity, "
+        f"and the tool weighs {tool.mass:.2f} kg: say includes_tool_weight = {other}, "
+        "or state the tool that the sensor carries."
+    )
+    return Warned("tool_weight", "wrench_sensor", text)
+
+
 # --- Errors of loads ------------------------------------------------------------------
 
 PAIRS = 200
@@ -426,7 +481,8 @@ def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
             shifted = _shifted(some, arm, frames)
             answer = _better(shifted, written, arm, frames, left)[1] or answer
     if answer is None:
-        answer = of_size(some, arm, written) or of_sag(recording, arm, frames, written)
+        answer = of_size(some, arm, written) or of_tool(recording, arm)
+        answer = answer or of_sag(recording, arm, frames, written)
     return () if answer is None else (answer,)
 
 
