@@ -71,6 +71,7 @@ from stiffness.diagnosis.result import (
     Unexplained,
     Warned,
     in_words,
+    other_causes,
     refused_with_size,
 )
 from stiffness.experiment.outliers import without_outliers
@@ -263,7 +264,7 @@ def answer_of(
     best = proof and proof.markers
     few = missed_poses(best) if best is not None and not open_ else ""
     entry, share = proof_entry(proof), explained_share_of(proof)
-    remarks = (*d.warnings, *disagreements(d, simulated))
+    remarks = (*d.warnings, *other_causes(d.named), *disagreements(d, simulated))
     remarks += () if proof is None else tuple(left_neutral(d))
     told = tuple(Remark(w.code, w.where, w.text) for w in remarks)
     called = tuple(_called(n, sliding) for n in d.named)

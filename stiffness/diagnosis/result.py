@@ -265,6 +265,39 @@ def scattered(dispersion: float) -> Warned:
     return Warned(SCATTER, "rig", text)
 
 
+ALUMINIUM = 23e-6
+"""Thermal expansion per K of the metal that most arms are made of."""
+TRUE_SCALE = 2e-5
+"""Error of a tracker's scale from which it is doubted; chosen: makers state less."""
+
+
+def other_causes(named: Sequence[NamedEffect]) -> tuple[Warned, ...]:
+    """Say what looks like a name and is no effect here."""
+    said = ((one, _other_cause(one.name.effect, one.parameters)) for one in named)
+    return tuple(
+        Warned("other_cause", one.name.where, f"{one.name} may also be {cause}.")
+        for one, cause in said
+        if cause
+    )
+
+
+def _other_cause(effect: str, sizes: Mapping[str, Interval]) -> str:
+    """Return what else displaces an arm as an effect of some sizes; empty: nothing."""
+    nothing = Interval(np.nan, np.nan, np.nan)
+    names = ("mass_kg", "ratio", "order", "lag_rad")
+    mass, ratio, order, lag = (sizes.get(name, nothing) for name in names)
+    if mass.high < 0.0 or (effect == "mass_scale" and ratio.high < 1.0):
+        return "a controller that takes out part of the arm's own sag"
+    if effect == "tracker_scale" and abs(scale := ratio.estimate) > TRUE_SCALE:
+        warm = f"{abs(scale) / ALUMINIUM:.1f} K {'warmer' if scale > 0 else 'colder'}"
+        return f"an arm that is {warm} than as drawn, if it is of aluminium"
+    if effect == "transmission_error" and -np.inf < order.low <= 0.0:
+        return "a spring across the axis, such as hoses, or a wrong gear ratio"
+    if lag.high < 0.0:
+        return "friction that holds the axis short of its angle"
+    return ""
+
+
 @dataclass(frozen=True)
 class Nominal:
     """The nuisance parameters as fitted.

@@ -36,7 +36,13 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Decision, Name, refused_with_size
+from stiffness.diagnosis.result import (
+    Decision,
+    Name,
+    NamedEffect,
+    other_causes,
+    refused_with_size,
+)
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.reading_lag import ReadingLag
@@ -251,3 +257,26 @@ def test_poses_that_differ_at_random_are_a_mismatch_where_noise_is_measured():
     assert stated.noise_ratio == pytest.approx(3.0)
     assert test_of(1.2, MEASURED).p_value == tested.p_value
     assert test_of(3.0, MEASURED).p_value < SIGNIFICANCE
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes", "words"),
+    [
+        ("gravity_load", {"mass_kg": (-3.0, -3.1, -2.9)}, "part of the arm's own sag"),
+        ("gravity_load", {"mass_kg": (3.0, 2.9, 3.1)}, ""),
+        ("mass_scale", {"ratio": (0.8, 0.78, 0.82)}, "part of the arm's own sag"),
+        ("creep", {"ratio": (0.1, 0.08, 0.12)}, ""),
+        ("tracker_scale", {"ratio": (1.15e-4, 1.1e-4, 1.2e-4)}, "5.0 K warmer"),
+        ("tracker_scale", {"ratio": (-1.15e-4, -1.2e-4, -1.1e-4)}, "5.0 K colder"),
+        ("tracker_scale", {"ratio": (5e-6, 4e-6, 6e-6)}, ""),
+        ("transmission_error", {"order": (1.0, -0.3, 2.3)}, "spring across the axis"),
+        ("transmission_error", {"order": (1.0, -np.inf, np.inf)}, ""),
+        ("reading_lag", {"lag_rad": (-1e-4, -2e-4, -5e-5)}, "friction that holds"),
+        ("reading_lag", {"lag_rad": (1e-4, 5e-5, 2e-4)}, ""),
+    ],
+)
+def test_what_no_effect_is_but_looks_like_a_name_is_said_beside_it(name, sizes, words):
+    given = {parameter: Interval(*size) for parameter, size in sizes.items()}
+    said = other_causes([NamedEffect(Name(name, "a2"), 1.0, (), given)])
+    assert len(said) == bool(words)
+    assert all(words in one.text and one.where == "a2" for one in said)
