@@ -1,18 +1,5 @@
 """Diagnoses a recording: set-up, nominal fit, detection, selection, verdict.
 
-How far readings miss the fitted nominal arm, and how far noise alone would.
-
-==========  ==========================================================================
-Equation    rms^2 = sum |d - mean d|^2 / readings + mean |m|^2, d what rows of a visit
-            leave of a marker, m what its visits' means leave; by noise: mean tr S /
-            frames (readings - visits) / readings + mean tr D^-1, S of one frame, D of
-            `Whitening`
-Source      definition; the two are orthogonal parts of the same readings
-Valid       markers that were seen
-Ignores     what the fit of the nominal takes of the noise; how axes return and the
-            wrench errs
-==========  ==========================================================================
-
 A recording is asked in turn: is it set up right, is something there, where, what.
 
 Nothing here knows how an effect is built into a simulator; the proof is made elsewhere,
@@ -30,7 +17,6 @@ from jaxtyping import Bool, Float, Int
 from threadpoolctl import threadpool_limits
 
 from bench.shared.recording import Recording
-from stiffness.diagnosis.between_visit import mean_squares_of, residuals_of_means
 from stiffness.diagnosis.detection import (
     FEWEST_POSES,
     MEASURED,
@@ -77,10 +63,12 @@ from stiffness.diagnosis.selection import (
 from stiffness.diagnosis.unknown_noise import (
     arrives_unknown,
     data_warnings,
+    held_out_misfit,
     is_odd,
     noise_ratio_of,
     noise_text,
     reading_noise,
+    rms_summary,
     scatter_of_readings,
     scattering_axes,
     smaller_noise,
@@ -97,8 +85,15 @@ from stiffness.diagnosis.verdict import (
 )
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
-from stiffness.experiment.outliers import outlier_text, outliers_of, without_outliers
-from stiffness.experiment.residuals import shares_of
+from stiffness.experiment.outliers import (
+    MOST_ODD,
+    odd_poses,
+    odd_text,
+    outlier_text,
+    outliers_at,
+    outliers_of,
+    without_outliers,
+)
 from stiffness.experiment.sensor_noise import (
     average_encoders,
     with_measured_noise,
@@ -107,122 +102,7 @@ from stiffness.experiment.sensor_noise import (
 from stiffness.regression.splits import other_splits
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
 from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import point_jacobian
 from stiffness.setup.check import setup_errors
-
-# --- Rms of the nominal fit -----------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class RmsSummary:
-    """3-D rms of a reading.
-
-    Attributes:
-        rms: What the fitted nominal arm leaves, in m.
-        noise: What the tracker's errors alone would leave, in m.
-        within: `rms` of differences within visits, each marker's mean taken off, in m.
-        noise_within: `noise` of these, in m.
-    """
-
-    rms: float
-    noise: float
-    within: float
-    noise_within: float
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """3-D rms of a reading over the poses held out, of the fitted nominal arm.
-
-    Attributes:
-        within: Of differences within visits, each marker's mean taken off, in m.
-        whole: With what means of visits leave; NaN where they are not compared.
-    """
-
-    within: float
-    whole: float
-
-
-def held_out_misfit(prepared: Prepared, case: SelectionProblem) -> HeldOut:
-    """Return how far the fitted nominal arm misses the poses held out; NaN without.
-
-    Args:
-        prepared: The recording against its nominal model.
-        case: The same with springs as the readings have them.
-    """
-    rows = case.split.held_out[prepared.data.visits.posture_index]
-    apart, seen = _apart(prepared, case)
-    if not (count := int(seen[rows].sum())):
-        return HeldOut(np.nan, np.nan)
-    square, whole = float(np.sum(apart[rows] ** 2)) / count, np.nan
-    between = case.data.between
-    if between is not None:
-        left, shown = residuals_of_means(between)
-        if shown[rows].any():
-            means = np.sum(left[rows][shown[rows]] ** 2, axis=1)
-            whole = float(np.sqrt(square + np.mean(means)))
-    return HeldOut(float(np.sqrt(square)), whole)
-
-
-def rms_summary(prepared: Prepared, case: SelectionProblem) -> RmsSummary:
-    """Return how far readings miss the arm with its springs as they were fitted.
-
-    Args:
-        prepared: The recording against its nominal model.
-        case: The same with springs as the readings have them.
-    """
-    within, noise_within = rms, noise = _within(prepared, case)
-    if case.data.between is not None:
-        share = shares_of(prepared.situation.recording)
-        more, by_noise = mean_squares_of(case.data.between, share)
-        rms, noise = rms + more, noise + by_noise
-    squares = (rms, noise, within, noise_within)
-    return RmsSummary(*(float(np.sqrt(square)) for square in squares))
-
-
-def _within(prepared: Prepared, case: SelectionProblem) -> tuple[float, float]:
-    """Return mean squares of differences within visits, and by noise; 0 without."""
-    apart, seen = _apart(prepared, case)
-    count, freedom = int(seen.sum()), int(np.maximum(seen.sum(axis=1) - 1, 0).sum())
-    if not freedom:
-        return 0.0, 0.0
-    one = np.trace(np.linalg.inv(prepared.readings.inverse))
-    share = np.broadcast_to(shares_of(prepared.situation.recording), seen.shape)
-    by_noise = one * np.mean(share[seen] / _reading_weights(prepared)[seen])
-    return float(np.sum(apart**2)) / count, float(by_noise) * freedom / count
-
-
-def _apart(
-    prepared: Prepared, case: SelectionProblem
-) -> tuple[
-    Float[np.ndarray, "visits longest markers 3"],
-    Bool[np.ndarray, "visits longest markers"],
-]:
-    """Return residuals less their mean over each visit, and which were seen."""
-    left = np.nan_to_num(prepared.readings.value) - _softer(prepared, case)
-    seen = _reading_weights(prepared) > 0
-    values = np.where(seen[..., None], prepared.data.visits.gather(left), 0.0)
-    mean = values.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[..., None]
-    return np.where(seen[..., None], values - mean[:, None], 0.0), seen
-
-
-def _reading_weights(prepared: Prepared) -> Float[np.ndarray, "visits longest markers"]:
-    visits = prepared.data.visits
-    return visits.gather(prepared.readings.weight) * visits.counts[..., None]
-
-
-def _softer(
-    prepared: Prepared, case: SelectionProblem
-) -> Float[np.ndarray, "rows markers 3"]:
-    """Return how markers move as springs are not those that were prepared."""
-    situation = prepared.situation
-    change = case.situation.compliance - situation.compliance
-    twist = situation.screw * (situation.torque * change)[..., None]
-    carried = situation.carried[1:, prepared.readings.body].astype(float)
-    expected = np.nan_to_num(prepared.readings.point - prepared.readings.value)
-    of_marker = np.einsum("rki,km->rmi", twist, carried)
-    return np.einsum("rmij,rmj->rmi", point_jacobian(expected), of_marker)
-
 
 # --- Names over splits of few poses ---------------------------------------------------
 
@@ -345,9 +225,8 @@ def diagnose(
     mistakes = setup_errors(recording, arm)
     if mistakes:
         return _stopped(recording, mistakes, started)
-    recording, prepared, outliers = _prepared(recording, arm)
-    first = _about_kinematics(prepared, recording, arm, hypotheses)
-    first = _with_arrivals(first, hypotheses)
+    read = _read(recording, arm, hypotheses)
+    recording, first = read.recording, _with_arrivals(read.looked, hypotheses)
     looked, scattering = _with_scattering_axes(first, hypotheses)
     own = looked.layout.prepared, looked.last, bool(looked.members)
     ratio = noise_ratio_of(*own, bool(unstated))
@@ -359,7 +238,11 @@ def diagnose(
     found = first.found if scattering else looked.found
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
-    remarks = [Warned("outliers", "tracker", outlier_text(outliers))] * bool(outliers)
+    left_out = (
+        ("outliers", "tracker", outlier_text, read.outliers),
+        ("odd_poses", "rig", odd_text, read.odd),
+    )
+    remarks = [Warned(code, at, text(own)) for code, at, text, own in left_out if own]
     if unstated and (prepared.degrees_of_freedom or ratio == 1.0):
         remarks.append(Warned("noise_statement", "tracker", unstated))
     noise = reading_noise(prepared) if unstated or is_odd(prepared) else None
@@ -376,11 +259,11 @@ def diagnose(
         "recording": recording.name,
         "detection": detection,
         "warnings": (*remarks, *said),
-        "held_out": _ids(ids, case.split.held_out),
+        "held_out": _ids(ids, case.split.held_out & ~read.is_odd(ids)),
         "downweighted": tuple(
             (r, recording.markers[m].name, s) for r, m, s in prepared.downweighted
         ),
-        "outliers": outliers,
+        "outliers": (*read.outliers, *read.odd),
         "scatter": scatter,
         "reading_noise": noise,
     }
@@ -484,6 +367,63 @@ def _about_kinematics(
         about = about if fit is None else prepared_about(recording, arm, fit)
         looked, exchanged = _look(about, asked, looked.members), False
     return looked if exchanged else looked.with_exchanges()
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """A recording as it is looked at, and what was found first.
+
+    Attributes:
+        recording: Without outliers and odd poses.
+        outliers: Of single marks.
+        odd: All readings of odd poses.
+        looked: What was found.
+    """
+
+    recording: Recording
+    outliers: tuple[Outlier, ...]
+    odd: tuple[Outlier, ...]
+    looked: _Looked
+
+    def is_odd(self, ids: Int[np.ndarray, " poses"]) -> Bool[np.ndarray, " poses"]:
+        """Return which poses were left out."""
+        return np.isin(ids, [o.pose for o in self.odd])
+
+
+def _read(recording: Recording, arm: Arm, hypotheses: Sequence[Hypothesis]) -> _Read:
+    """Look at a recording, again where poses are odd beside what was found."""
+    recording, prepared, outliers = _prepared(recording, arm)
+    looked = _about_kinematics(prepared, recording, arm, hypotheses)
+    odd = tuple[Outlier, ...]()
+    while more := _of_odd_poses(looked, recording, odd):
+        odd += more
+        recording, prepared, late = _prepared(without_outliers(recording, more), arm)
+        outliers = (*outliers, *late)
+        looked = _about_kinematics(prepared, recording, arm, hypotheses)
+    return _Read(recording, outliers, odd, looked)
+
+
+def _of_odd_poses(
+    looked: _Looked, recording: Recording, before: Sequence[Outlier]
+) -> tuple[Outlier, ...]:
+    """Return the readings of poses that a set leaves far beyond all others.
+
+    Some poses that were read wrongly hold every name, as no law does what they do.
+
+    Args:
+        looked: What was found in all poses.
+        recording: Of these.
+        before: Readings of odd poses that were left out before.
+    """
+    judged = looked.judged
+    if judged is None or judged.residual.p_value >= SIGNIFICANCE:
+        return ()
+    left, ids = judged.beyond.after.data, np.unique(recording.posture_id)
+    odd = odd_poses(left.mismatch_of_poses)
+    if len({o.pose for o in before}) + odd.sum() > MOST_ODD * len(odd):
+        return ()
+    value = looked.layout.prepared.readings.value
+    return outliers_at(recording, _ids(ids, odd), value)
 
 
 def _with_arrivals(looked: _Looked, hypotheses: Sequence[Hypothesis]) -> _Looked:

@@ -32,7 +32,6 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.relinearisation import changes_moments
 from stiffness.diagnosis.sufficient_statistics import (
-    mismatch_of_poses,
     per_pose_scores,
 )
 from stiffness.effects.base import (
@@ -131,7 +130,7 @@ def pose_statistics(
         np.arange(case.library.nominal),
         blocks[: len(laws)],
         blocks[len(laws) :],
-        mismatch_of_poses(case.data)[~held_out],
+        case.data.mismatch_of_poses[~held_out],
     )
 
 

@@ -51,7 +51,6 @@ from stiffness.diagnosis.relinearisation import (
     state_under,
 )
 from stiffness.diagnosis.sufficient_statistics import (
-    mismatch_of_poses,
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
@@ -157,7 +156,7 @@ class Layout:
 
 def unexplained(case: SelectionProblem, fit: ModelFit) -> float:
     """Return the whitened square of the training poses that a set does not explain."""
-    mismatch = mismatch_of_poses(case.data)[~case.split.held_out]
+    mismatch = case.data.mismatch_of_poses[~case.split.held_out]
     return float(mismatch.sum()) - fit.nominal_gain - fit.gain
 
 
@@ -278,7 +277,7 @@ class _JointFit:
         size[count - len(self.shapes) : count] = 0.0
         mix = np.eye(len(gram), len(gram) - len(felt))
         mix[len(gram) - len(felt) + np.arange(len(felt)), list(felt)] = 1.0
-        square = float(mismatch_of_poses(data)[~self.split.held_out].sum())
+        square = float(data.mismatch_of_poses[~self.split.held_out].sum())
         square += float(size @ (gram @ size - 2.0 * score))
         left = mix.T @ (score - gram @ size)
         problem = Linearised.of_some(mix.T @ gram @ mix, left, np.arange(count))

@@ -395,8 +395,8 @@ def _judged(
             terms = tuple(t for t in terms if t.name != slightest.candidate)
             continue
         gains = drop_one_gains(statistics, terms)
-        sized = _sized(case, terms, gains, refused)
-        look, of_sizes = sized.look, sized.decisions
+        own = _with_parameters(case, terms, gains, refused)
+        look, of_sizes = own.look, own.decisions
         less = {d.candidate: with_part_less(case, terms, d.candidate) for d in of_sizes}
         withheld = [d for d in of_sizes if not d.accepted or less[d.candidate]]
         if not withheld:
@@ -431,7 +431,7 @@ def _judged(
         replace(look.fit, gain=linear.gain, nominal_gain=linear.nominal_gain),
         tuple(fine),
         frozenset(refused),
-        tuple(own.intervals for own in sized.parameters),
+        tuple(one.intervals for one in own.parameters),
         gains,
         gated.lost,
         statistics,
@@ -442,7 +442,7 @@ def _judged(
 
 
 @dataclass(frozen=True, eq=False)
-class _Sized:
+class _WithParameters:
     """A set with its parameters, as reported.
 
     Attributes:
@@ -456,12 +456,12 @@ class _Sized:
     decisions: Sequence[Decision]
 
 
-def _sized(
+def _with_parameters(
     case: SelectionProblem,
     terms: Sequence[ModelTerm],
     gains: Sequence[float],
     refused: Collection[Name],
-) -> _Sized:
+) -> _WithParameters:
     """Return the parameters of a set, and which names they withhold.
 
     Beside terms of the same kinds only where none is withheld by the set's own.
@@ -481,7 +481,7 @@ def _sized(
     if beside and all(d.accepted for d in decisions):
         parameters = parameters_of(*here, look, case.split)
         decisions = held_by_nothing(terms, parameters)
-    return _Sized(look, parameters, decisions)
+    return _WithParameters(look, parameters, decisions)
 
 
 def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Decision:

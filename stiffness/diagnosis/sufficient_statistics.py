@@ -60,6 +60,19 @@ class SufficientStatistics:
         """How many unknowns there are in the means."""
         return 0 if self.between is None else len(self.between.scale)
 
+    @property
+    def mismatch_of_poses(self) -> Float[np.ndarray, " poses"]:
+        """Each pose's whitened square beyond its degrees of freedom."""
+        pose, within = self.visits.posture_index, self.within
+        excess = np.bincount(pose, within.square - within.degrees_of_freedom)
+        between = self.between
+        if between is None:
+            return excess
+        seen = np.any(between.whitening.half != 0.0, axis=(2, 3))  # (visits, markers)
+        square = np.sum(between.residual.reshape(*seen.shape, 3) ** 2, axis=(1, 2))
+        free = max(1.0 - self.nuisance_count / max(3.0 * seen.sum(), 1.0), 0.0)
+        return excess + np.bincount(pose, square - 3.0 * free * seen.sum(axis=1))
+
     def subtract(
         self,
         signatures: Sequence[EffectJacobian],
@@ -94,19 +107,6 @@ class SufficientStatistics:
         return SufficientStatistics(
             self.visits, within, between.with_residual(residual)
         )
-
-
-def mismatch_of_poses(data: SufficientStatistics) -> Float[np.ndarray, " poses"]:
-    """Return each pose's whitened square beyond its degrees of freedom."""
-    pose, within = data.visits.posture_index, data.within
-    excess = np.bincount(pose, within.square - within.degrees_of_freedom)
-    between = data.between
-    if between is None:
-        return excess
-    seen = np.any(between.whitening.half != 0.0, axis=(2, 3))  # (visits, markers)
-    square = np.sum(between.residual.reshape(*seen.shape, 3) ** 2, axis=(1, 2))
-    free = max(1.0 - data.nuisance_count / max(3.0 * seen.sum(), 1.0), 0.0)
-    return excess + np.bincount(pose, square - 3.0 * free * seen.sum(axis=1))
 
 
 # --- Normal equations -----------------------------------------------------------------

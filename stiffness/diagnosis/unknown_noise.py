@@ -11,14 +11,28 @@ Source      moments of a discrete state, random effects of visits (Laird and War
 Valid       states that differ from visit to visit; a set that is found without them
 Ignores     that one visit's state follows from that of the visit before
 ==========  ==========================================================================
+
+How far readings miss the fitted nominal arm, and how far noise alone would.
+
+==========  ==========================================================================
+Equation    rms^2 = sum |d - mean d|^2 / readings + mean |m|^2, d what rows of a visit
+            leave of a marker, m what its visits' means leave; by noise: mean tr S /
+            frames (readings - visits) / readings + mean tr D^-1, S of one frame, D of
+            `Whitening`
+Source      definition; the two are orthogonal parts of the same readings
+Valid       markers that were seen
+Ignores     what the fit of the nominal takes of the noise; how axes return and the
+            wrench errs
+==========  ==========================================================================
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bench.shared.errors import Warned
+from stiffness.diagnosis.between_visit import mean_squares_of, residuals_of_means
 from stiffness.diagnosis.detection import FEWEST_POSES, After, DetectionTest
 from stiffness.diagnosis.model_fit import ModelFit, ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, axis_scatter
@@ -26,6 +40,7 @@ from stiffness.experiment.outliers import SHOWN
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import ODD, measured_noise_text, no_finer
 from stiffness.experiment.visits import UNKNOWN
+from stiffness.robot.kinematics import point_jacobian
 
 # --- States of gears at arrival -------------------------------------------------------
 
@@ -263,3 +278,117 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
 def is_odd(prepared: Prepared) -> bool:
     """Return whether noise is clearly another than the one it was held for."""
     return not 1.0 / ODD <= prepared.noise <= ODD
+
+
+# --- Rms of the nominal fit -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RmsSummary:
+    """3-D rms of a reading.
+
+    Attributes:
+        rms: What the fitted nominal arm leaves, in m.
+        noise: What the tracker's errors alone would leave, in m.
+        within: `rms` of differences within visits, each marker's mean taken off, in m.
+        noise_within: `noise` of these, in m.
+    """
+
+    rms: float
+    noise: float
+    within: float
+    noise_within: float
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """3-D rms of a reading over the poses held out, of the fitted nominal arm.
+
+    Attributes:
+        within: Of differences within visits, each marker's mean taken off, in m.
+        whole: With what means of visits leave; NaN where they are not compared.
+    """
+
+    within: float
+    whole: float
+
+
+def held_out_misfit(prepared: Prepared, case: SelectionProblem) -> HeldOut:
+    """Return how far the fitted nominal arm misses the poses held out; NaN without.
+
+    Args:
+        prepared: The recording against its nominal model.
+        case: The same with springs as the readings have them.
+    """
+    rows = case.split.held_out[prepared.data.visits.posture_index]
+    apart, seen = _apart(prepared, case)
+    if not (count := int(seen[rows].sum())):
+        return HeldOut(np.nan, np.nan)
+    square, whole = float(np.sum(apart[rows] ** 2)) / count, np.nan
+    between = case.data.between
+    if between is not None:
+        left, shown = residuals_of_means(between)
+        if shown[rows].any():
+            means = np.sum(left[rows][shown[rows]] ** 2, axis=1)
+            whole = float(np.sqrt(square + np.mean(means)))
+    return HeldOut(float(np.sqrt(square)), whole)
+
+
+def rms_summary(prepared: Prepared, case: SelectionProblem) -> RmsSummary:
+    """Return how far readings miss the arm with its springs as they were fitted.
+
+    Args:
+        prepared: The recording against its nominal model.
+        case: The same with springs as the readings have them.
+    """
+    within, noise_within = rms, noise = _within(prepared, case)
+    if case.data.between is not None:
+        share = shares_of(prepared.situation.recording)
+        more, by_noise = mean_squares_of(case.data.between, share)
+        rms, noise = rms + more, noise + by_noise
+    squares = (rms, noise, within, noise_within)
+    return RmsSummary(*(float(np.sqrt(square)) for square in squares))
+
+
+def _within(prepared: Prepared, case: SelectionProblem) -> tuple[float, float]:
+    """Return mean squares of differences within visits, and by noise; 0 without."""
+    apart, seen = _apart(prepared, case)
+    count, freedom = int(seen.sum()), int(np.maximum(seen.sum(axis=1) - 1, 0).sum())
+    if not freedom:
+        return 0.0, 0.0
+    one = np.trace(np.linalg.inv(prepared.readings.inverse))
+    share = np.broadcast_to(shares_of(prepared.situation.recording), seen.shape)
+    by_noise = one * np.mean(share[seen] / _reading_weights(prepared)[seen])
+    return float(np.sum(apart**2)) / count, float(by_noise) * freedom / count
+
+
+def _apart(
+    prepared: Prepared, case: SelectionProblem
+) -> tuple[
+    Float[np.ndarray, "visits longest markers 3"],
+    Bool[np.ndarray, "visits longest markers"],
+]:
+    """Return residuals less their mean over each visit, and which were seen."""
+    left = np.nan_to_num(prepared.readings.value) - _softer(prepared, case)
+    seen = _reading_weights(prepared) > 0
+    values = np.where(seen[..., None], prepared.data.visits.gather(left), 0.0)
+    mean = values.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[..., None]
+    return np.where(seen[..., None], values - mean[:, None], 0.0), seen
+
+
+def _reading_weights(prepared: Prepared) -> Float[np.ndarray, "visits longest markers"]:
+    visits = prepared.data.visits
+    return visits.gather(prepared.readings.weight) * visits.counts[..., None]
+
+
+def _softer(
+    prepared: Prepared, case: SelectionProblem
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return how markers move as springs are not those that were prepared."""
+    situation = prepared.situation
+    change = case.situation.compliance - situation.compliance
+    twist = situation.screw * (situation.torque * change)[..., None]
+    carried = situation.carried[1:, prepared.readings.body].astype(float)
+    expected = np.nan_to_num(prepared.readings.point - prepared.readings.value)
+    of_marker = np.einsum("rki,km->rmi", twist, carried)
+    return np.einsum("rmij,rmj->rmi", point_jacobian(expected), of_marker)

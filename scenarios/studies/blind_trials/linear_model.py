@@ -36,7 +36,6 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import nominal_problem, total_softening
 from stiffness.diagnosis.sufficient_statistics import (
-    mismatch_of_poses,
     normal_equations_of,
 )
 from stiffness.regression.normal_equations import losses_without, solve
@@ -135,7 +134,7 @@ def explained_share(model: LinearModel) -> float:
         return float(2.0 * beta @ kept_back - beta @ curve @ beta)
 
     nominal = gain(case.library.nominal)
-    whole = float(mismatch_of_poses(case.data)[held_out].sum()) - nominal
+    whole = float(case.data.mismatch_of_poses[held_out].sum()) - nominal
     return (gain(len(score)) - nominal) / max(whole, 1e-12)
 
 

@@ -31,7 +31,6 @@ from stiffness.diagnosis.relinearisation import (
     total_softening,
 )
 from stiffness.diagnosis.sufficient_statistics import (
-    mismatch_of_poses,
     normal_equations_of,
 )
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
@@ -381,7 +380,7 @@ def test_readings_about_kinematic_errors_are_what_their_columns_do(effect, fit):
     for ready in (drawn, about):
         columns = fit.members[0].jacobian(ready.situation)
         rest = ready.data.subtract([columns], fit.coefficients[0])
-        left.append(mismatch_of_poses(rest).sum())
+        left.append(rest.mismatch_of_poses.sum())
     freedom = about.data.within.degrees_of_freedom.sum()
     assert abs(left[1]) < 0.1 * freedom
     assert left[0] > 5.0 * freedom

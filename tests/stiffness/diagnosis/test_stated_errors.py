@@ -21,7 +21,7 @@ from bench.shared.settings import Interval
 from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
-from stiffness.diagnosis.diagnose import diagnose, rms_summary
+from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import as_held, cost_of_limits, refused_by_sizes
 from stiffness.diagnosis.model_evaluation import _mean_square_of
 from stiffness.diagnosis.model_fit import (
@@ -33,6 +33,7 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
+from stiffness.diagnosis.unknown_noise import rms_summary
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset

@@ -39,7 +39,6 @@ from stiffness.diagnosis.selection import (
 )
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
-    mismatch_of_poses,
     normal_equations_of,
 )
 from stiffness.diagnosis.verdict import exchange_posteriors, judge
@@ -448,10 +447,10 @@ def test_prior_of_a_load_is_the_mass_of_its_body_at_half_a_metre():
 
 
 def test_mismatch_of_nothing_is_noise_of_either_sign():
-    excess = mismatch_of_poses(problem().data)
+    excess = problem().data.mismatch_of_poses
     free = problem().data.within.degrees_of_freedom.sum()
     assert abs(excess.sum()) < 0.1 * free
-    assert mismatch_of_poses(problem(*EIGHT).data).sum() > 10.0 * abs(excess.sum())
+    assert problem(*EIGHT).data.mismatch_of_poses.sum() > 10.0 * abs(excess.sum())
 
 
 def test_shapes_fitted_together_explain_more_and_stay_on_the_grid():

@@ -9,9 +9,14 @@ from small_bench import FEW, arm, recording, relative
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects.base_compliance import BaseCompliance
+from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.experiment.outliers import (
+    EVERY,
     Outlier,
     _of_body,
+    odd_poses,
+    outliers_at,
     outliers_of,
     spread_of_bodies,
     without_outliers,
@@ -166,3 +171,76 @@ def test_noise_of_a_mark_that_others_place_badly_is_no_outlier():
     found = np.zeros((rows, 4))
     _of_body(points, [0, 1, 2, 3], found)
     assert np.argwhere(found).tolist() == [[7, 3]]
+
+
+TRUE = {
+    "hysteresis@a2": "width_rad=2e-4",
+    "bearing_tilt@a4": "u_rad_per_nm=8e-6,v_rad_per_nm=8e-6",
+    "base_compliance@base": "rx_rad_per_nm=4e-7,ry_rad_per_nm=4e-7",
+}
+
+
+def bumped(made: Recording, poses: np.ndarray) -> Recording:
+    """Let the tracker be pushed by a quarter of a millimetre within these poses."""
+    assert made.points is not None
+    points = made.points.copy()
+    for pose in poses:
+        rows = np.flatnonzero(made.posture_id == pose)
+        points[rows[len(rows) // 2 :]] += np.array([1.5e-4, -2e-4, 1e-4])
+    return replace(made, points=points)
+
+
+def exchanged(made: Recording, poses: np.ndarray) -> Recording:
+    """Write down the readings of two loads one for the other in these poses."""
+    assert made.points is not None and made.wrench is not None
+    points, size = made.points.copy(), np.linalg.norm(made.wrench[:, :3], axis=1)
+    for pose in poses:
+        rows = np.flatnonzero(made.posture_id == pose)
+        order = rows[np.argsort(size[rows])]
+        points[order[[0, -1]]] = points[order[[-1, 0]]]
+    return replace(made, points=points)
+
+
+@pytest.mark.parametrize("fault", [bumped, exchanged])
+def test_poses_that_were_read_wrongly_cost_nothing_but_themselves(fault):
+    """Three of sixty; they held every name, as no law does what they do."""
+    made = recording(*(f"{name},{size}" for name, size in TRUE.items()), poses=60)
+    odd = np.unique(made.posture_id)[[7, 20, 41]]
+    found = diagnose(fault(made, odd), arm(), (*FEW, BearingTilt(), BaseCompliance()))
+    assert {f"{e.name.effect}@{e.name.where}" for e in found.named} == {*TRUE}
+    assert found.verdict == "explained"
+    assert {o.pose for o in found.outliers} == {*odd.tolist()}
+    assert not {*odd.tolist()} & {*found.held_out}
+    (said,) = (w for w in found.warnings if w.code == "odd_poses")
+    assert all(str(pose) in said.text for pose in odd)
+
+
+@pytest.mark.parametrize(
+    ("size", "odd"),
+    [
+        ({3: 100.0, 9: 60.0}, {3, 9}),
+        ({3: 100.0, 9: 28.0}, {3}),  # not three times what most have
+        ({3: 35.0}, set()),  # all others together are as far off
+        (dict.fromkeys(range(5), 100.0), set()),  # a group of their own
+        ({}, set()),
+    ],
+)
+def test_poses_are_odd_where_few_have_most_of_what_is_left(size, odd):
+    left = np.full(40, 10.0)
+    left[[*size]] = [*size.values()]
+    assert {*np.flatnonzero(odd_poses(left**2)).tolist()} == odd
+    assert not odd_poses(left[:15] ** 2).any()  # few poses tell no quantile
+
+
+def test_readings_of_a_pose_are_left_out_in_all_of_its_rows():
+    made = recording()
+    assert made.points is not None
+    pose = int(made.posture_id[-1])
+    found = outliers_at(made, [pose], np.full(made.points.shape, 1e-4))
+    less = without_outliers(made, found).points
+    assert less is not None
+    gone = made.posture_id == pose
+    assert np.isnan(less[gone]).all()
+    np.testing.assert_array_equal(less[~gone], made.points[~gone])
+    assert {o.marker for o in found} == {EVERY}
+    np.testing.assert_allclose([o.size for o in found], np.sqrt(3.0) * 1e-4)
