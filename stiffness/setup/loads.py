@@ -168,22 +168,26 @@ POSTURES, FEWEST = 60, 5
 fewer, leaving one out leaves nothing that would foretell it."""
 
 
+def _over_hook(some: Recording) -> float | None:
+    """Return the force over the weight on the hook, of pairs; None: none is stated."""
+    if some.load_mass is None or some.wrench is None:
+        return None
+    force = np.linalg.norm(np.diff(some.wrench[:, :3], axis=0)[::2], axis=1)
+    hung = KGF * np.abs(np.diff(some.load_mass)[::2])
+    return float(np.sum(force) / np.sum(hung)) if hung.any() else None
+
+
 def of_size(some: Recording, arm: Arm, fit: LoadResponse) -> Warned | None:
     """Doubt units where springs come out as no arm has them."""
-    assert some.wrench is not None
-    if some.load_mass is not None:
-        force = np.linalg.norm(np.diff(some.wrench[:, :3], axis=0)[::2], axis=1)
-        hung = KGF * np.abs(np.diff(some.load_mass)[::2])
-        if hung.any():
-            ratio = float(np.sum(force) / np.sum(hung))
-            if not 1.0 / HEAVY < ratio < HEAVY:
-                unit = _unit(ratio)
-                text = (
-                    f"the force is {ratio:.3g} times the weight on the hook"
-                    f"{f', as if in {unit}' if unit else ''}: check the units of "
-                    "fx_n, fy_n, fz_n and of load_kg."
-                )
-                return Warned("units", "wrench_sensor", text)
+    ratio = _over_hook(some)
+    if ratio is not None and not 1.0 / HEAVY < ratio < HEAVY:
+        unit = _unit(ratio)
+        text = (
+            f"the force is {ratio:.3g} times the weight on the hook"
+            f"{f', as if in {unit}' if unit else ''}: check the units of "
+            "fx_n, fy_n, fz_n and of load_kg."
+        )
+        return Warned("units", "wrench_sensor", text)
     if not fit.clear.any() or fit.explained < EXPLAINS:
         return None
     known = fit.clear & (arm.stiffness > 0)
@@ -204,12 +208,17 @@ def of_size(some: Recording, arm: Arm, fit: LoadResponse) -> Warned | None:
 
 
 def of_sag(
-    recording: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse
+    recording: Recording,
+    arm: Arm,
+    frames: TrackerFit,
+    fit: LoadResponse,
+    over_hook: float | None = None,
 ) -> Warned | None:
     """Doubt mounting and units where its own weight turns the arm otherwise than loads.
 
     First where gravity pulls, by what three directions of it would turn, beside what a
-    compensator of any axis would; then how much.
+    compensator of any axis would; then how much. A force as large as the weight on the
+    hook has the unit that is stated.
     """
     modelled, some = arm.chain.gravity, some_visits(recording, POSTURES)
     if recording.displacement != "absolute" or fit.explained < EXPLAINS:
@@ -226,7 +235,8 @@ def of_sag(
         return None
     ratio, error = float(found[0][0]), float(np.sqrt(found[1][0, 0]))
     unit = _unit(ratio, ERRORS * error) if error <= SURE * abs(ratio) else ""
-    if not unit:
+    weighed = over_hook is not None and abs(over_hook - 1.0) < NEAR
+    if not unit or weighed:
         return None
     text = (
         f"the wrench looks given in {unit}: under its own weight the arm gives way "
@@ -482,7 +492,8 @@ def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
             answer = _better(shifted, written, arm, frames, left)[1] or answer
     if answer is None:
         answer = of_size(some, arm, written) or of_tool(recording, arm)
-        answer = answer or of_sag(recording, arm, frames, written)
+        hung = _over_hook(some)
+        answer = answer or of_sag(recording, arm, frames, written, hung)
     return () if answer is None else (answer,)
 
 

@@ -611,9 +611,15 @@ def test_a_base_that_is_mounted_otherwise_is_told_by_where_gravity_pulls(
     assert "(0.00, 0.00, -1.00) of the base" in told.text.replace("-0.00", "0.00")
 
 
-@pytest.mark.parametrize("share", [0.2, 0.8])
-def test_a_controller_that_takes_out_sag_is_no_other_unit(share, tmp_path):
-    """What 80 % leave is near a pound-force, but not within what postures allow."""
+@pytest.mark.parametrize(
+    ("share", "change"),
+    [(0.2, unhung), (0.8, unhung), (1.0 - 1.0 / 9.80665, lambda mistake: mistake)],
+)
+def test_a_controller_that_takes_out_sag_is_no_other_unit(share, change, tmp_path):
+    """What 80 % leave is near a pound-force, but not within what postures allow.
+
+    Nor is what leaves a kilogram-force, where as much hangs on the hook.
+    """
     recording, arm = recorded(tmp_path / "r", "kr10", "flange", True)
     frame, standing = recording.base_from_tracker, arm.at(recording.posture)
     assert frame is not None and recording.points is not None
@@ -622,7 +628,7 @@ def test_a_controller_that_takes_out_sag_is_no_other_unit(share, tmp_path):
     jacobians = [standing.jacobian(*place)[:, :3] for place in places]
     sag = np.stack([np.einsum("rij,rj->ri", j, turn) for j in jacobians], axis=1)
     points = recording.points - share * sag @ frame[:3, :3]
-    assert said(unhung(lambda r: replace(r, points=points))(recording), arm) == []
+    assert said(change(lambda r: replace(r, points=points))(recording), arm) == []
 
 
 def test_a_recording_whose_readings_have_a_spread_is_looked_at_as_any_other(cell):
