@@ -22,7 +22,7 @@ visit anew and, at the base, as the visit before left it; all that forces and mo
 the place may turn or move linearly; and, between visits, the place's own small constant
 motions, the axis' angle in harmonics, a course of the base in time and the tracker's
 own errors; what the force sensor's channels take up of each other, hold back and drift
-by, and what of each visit's load was tared away.
+by, how its scale goes, and what of each visit's load was tared away.
 
 ==========  ==========================================================================
 Equation    compliance: (shift, turn) = C (F, M), C symmetric, without the axis' own
@@ -467,9 +467,9 @@ def _of_sensor(situation: StaticState) -> list[MapBlock]:
     """Return what axes' springs do where the force sensor errs.
 
     By what each channel takes up of each, its 6 x 6 matrix of gains and crosstalk, and
-    by its own square; by what it holds back of its own changes; by how its zero goes;
-    by what was tared away. Per share of the largest force and of the largest moment
-    that were read. Nothing of channels that are `NOISY`.
+    by its own square; by what it holds back of its own changes; by how its zero goes,
+    and the scale of all; by what was tared away. Per share of the largest force and of
+    the largest moment that were read. Nothing of channels that are `NOISY`.
     """
     if situation.recording.wrench is None or not sprung(situation):
         return []
@@ -493,6 +493,12 @@ def _of_sensor(situation: StaticState) -> list[MapBlock]:
     for kind, depends_on, to, law in (of_kind for of_kind in laws if len(of_kind[2])):
         done = misread(situation, to, full[to] * law)
         blocks.append(MapBlock(SENSOR, kind, depends_on, done))
+    if len(own) and zero.shape[1]:
+        scale = (share[:, None] * zero[:, :, None]).reshape(len(share), -1)
+        to = np.tile(own, zero.shape[1])
+        alike = np.kron(np.eye(zero.shape[1]), np.ones((len(own), 1)))
+        done = mixture(misread(situation, to, full[to] * scale), alike)
+        blocks.append(MapBlock(SENSOR, "scale", "time", done))
     if np.all(sigma[:3] <= NOISY * full[:3]):
         more = full[0] * _along_load(situation, read)
         tared = mixture(misread(situation, each, more), np.ones((6, 1)))

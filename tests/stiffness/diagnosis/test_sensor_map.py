@@ -54,9 +54,14 @@ def held_back(values: np.ndarray, slip: float) -> np.ndarray:
     return np.array(held)
 
 
-@pytest.mark.parametrize("depends_on", ["load", "history", "time"])
-def test_force_sensor_that_errs_by_its_data_sheet_takes_no_names_of_the_arm(depends_on):
-    """Nonlinearity of 1 %, hysteresis of 0.5 %, a zero that drifts by 1 %."""
+@pytest.mark.parametrize(
+    ("kind", "depends_on"),
+    [("curve", "load"), ("lag", "history"), ("zero", "time"), ("span", "time")],
+)
+def test_force_sensor_that_errs_by_its_data_sheet_takes_no_names_of_the_arm(
+    kind, depends_on
+):
+    """Nonlinearity of 1 %, hysteresis of 0.5 %, a zero that drifts by 1 %, a scale."""
     made = recording("bearing_tilt@a4,u_rad_per_nm=8e-6,v_rad_per_nm=8e-6", poses=60)
     wrench, hours = made.wrench, made.time / np.ptp(made.time)
     assert wrench is not None
@@ -64,10 +69,11 @@ def test_force_sensor_that_errs_by_its_data_sheet_takes_no_names_of_the_arm(depe
     share = wrench / full
     visits = [share[made.visit == visit] for visit in np.unique(made.visit)]
     error = {
-        "load": 0.01 * share * np.abs(share),
-        "history": 0.15 * np.concatenate([held_back(v, 0.03) for v in visits]),
-        "time": 0.01 * hours[:, None] * np.array([1.0, -0.6, 1.5, 1.0, 0.6, -1.0]),
-    }[depends_on]
+        "curve": 0.01 * share * np.abs(share),
+        "lag": 0.15 * np.concatenate([held_back(v, 0.03) for v in visits]),
+        "zero": 0.01 * hours[:, None] * np.array([1.0, -0.6, 1.5, 1.0, 0.6, -1.0]),
+        "span": 0.05 * hours[:, None] * share,
+    }[kind]
     laws = (*MECHANICS, GravityLoad(), MassScale(), WrenchGain(), WrenchMisalignment())
     found = diagnose(replace(made, wrench=wrench + full * error), arm(), laws)
     named = {f"{e.name.effect}@{e.name.where}" for e in found.named}
