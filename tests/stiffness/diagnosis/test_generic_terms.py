@@ -134,7 +134,7 @@ def test_rows_of_one_time_have_no_course_in_time():
     lost = kinds - {(b.where, b.kind) for b in blocks}
     links = {(f"link_{k}", "warming") for k in range(1, 6)}
     assert lost == {
-        *(("base", "time"), ("wrench_sensor", "zero")),
+        *(("base", "time"), ("wrench_sensor", "zero"), ("wrench_sensor", "scale")),
         *((f"a{k}", "time") for k in range(1, 7)),
         *links,
     }
