@@ -144,7 +144,7 @@ class Remark(msgspec.Struct, frozen=True):
 
 
 class OutlierEntry(msgspec.Struct, frozen=True):
-    """An outlier, which was left out, and how far off it is."""
+    """An outlier, left out, and how far off it is; `*` stands for all marks."""
 
     pose: int
     marker: str

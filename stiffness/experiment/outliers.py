@@ -417,13 +417,12 @@ def outliers_at(
         odd: Ids of the poses.
         residual: How far each reading is from where the arm has it, in m.
     """
-    size = np.sqrt(np.nanmean(np.sum(residual**2, axis=2), axis=1))
-    rows = np.flatnonzero(np.isin(recording.posture_id, [*odd]))
-    pose = recording.posture_id
+    pose, square = recording.posture_id, np.sum(residual**2, axis=2)
+    seen = np.isfinite(square).sum(axis=1)
+    size = np.sqrt(np.nansum(square, axis=1) / np.maximum(seen, 1))
+    rows = np.flatnonzero(np.isin(pose, [*odd]) & (seen > 0))
     return tuple(
-        Outlier(int(row), int(pose[row]), EVERY, float(size[row]))
-        for row in rows
-        if np.isfinite(size[row])
+        Outlier(int(row), int(pose[row]), EVERY, float(size[row])) for row in rows
     )
 
 
