@@ -282,13 +282,14 @@ def diagnose(
     answer |= _with_split_shares(answer, splits)
     answer |= _left_by_scattering(answer, scattering)
     if answer["verdict"] != "explained":
-        common["warnings"] += remarks_on(answer["decisions"])
-    if scatter and prepared.degrees_of_freedom and answer["verdict"] == "explained":
-        text = "readings scatter by more than their measured noise, along no law"
-        answer["verdict"], answer["unexplained"] = (
-            "partly_explained",
-            Unexplained("", text, {}),
-        )
+        places = answer["unexplained_places"]
+        common["warnings"] += remarks_on(answer["decisions"], places)
+    without_place = {
+        "readings scatter by more than their measured noise, along no law": scatter
+        and prepared.degrees_of_freedom,
+        "some poses are left out, of which more is left": read.odd,
+    }
+    answer |= _of_no_place(answer, [t for t, holds in without_place.items() if holds])
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
 
 
@@ -411,19 +412,20 @@ def _of_odd_poses(
     Some poses that were read wrongly hold every name, as no law does what they do.
 
     Args:
-        looked: What was found in all poses.
-        recording: Of these.
-        before: Readings of odd poses that were left out before.
+        looked: What was found.
+        recording: In which it was looked for.
+        before: Readings of odd poses that are left out of it already.
     """
     judged = looked.judged
     if judged is None or judged.residual.p_value >= SIGNIFICANCE:
         return ()
     left, ids = judged.beyond.after.data, np.unique(recording.posture_id)
-    odd = odd_poses(left.mismatch_of_poses)
+    prepared = looked.layout.prepared
+    seen, pose = prepared.readings.weight > 0.0, prepared.situation.posture_index
+    odd = odd_poses(left.mismatch_of_poses, np.bincount(pose, seen.sum(axis=1)))
     if len({o.pose for o in before}) + odd.sum() > MOST_ODD * len(odd):
         return ()
-    value = looked.layout.prepared.readings.value
-    return outliers_at(recording, _ids(ids, odd), value)
+    return outliers_at(recording, _ids(ids, odd), prepared.readings.value)
 
 
 def _with_arrivals(looked: _Looked, hypotheses: Sequence[Hypothesis]) -> _Looked:
@@ -475,6 +477,14 @@ def _with_scattering_axes(
         look = f"{1e6 * scatter[k]:.3g} {unit} from pose to pose, after no law tried"
         places.append(UnexplainedPlace(f"a{k + 1}", p, share, (), look))
     return again, tuple(places)
+
+
+def _of_no_place(answer: Mapping, texts: Sequence[str]) -> dict[str, Any]:
+    """Return the entries of an answer where all is explained but what has no place."""
+    if not texts or answer["verdict"] != "explained":
+        return {}
+    left = Unexplained("", "; ".join(texts), {})
+    return {"verdict": "partly_explained", "unexplained": left}
 
 
 def _left_by_scattering(

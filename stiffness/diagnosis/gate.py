@@ -183,9 +183,9 @@ def budget_parts(found: PoseStatistics, fit: ModelFit) -> tuple[float, ...]:
 
 
 CANCELLED = 0.5
-"""Part of what a set explains that its terms may undo of each other, and from which
-on a name is one of those that do. Chosen: of 9,758 names of concealed arms none has a
-part below -0.46."""
+"""Part of what a set explains that a name may take back of it, and from which on a name
+is one of those that undo each other. Chosen: of 9,758 names of concealed arms none has
+a part below -0.46."""
 
 
 def cancelled_names(
@@ -193,20 +193,21 @@ def cancelled_names(
 ) -> list[Decision]:
     """Return the names that mostly undo what others of their set do.
 
-    Each of them would displace the arm more than it is displaced: they are large to
-    leave a little of what none of them is.
+    Each of them would displace the arm about as much as it is displaced, or more: they
+    are large to leave a little of what none of them is.
 
     Args:
         members: The set.
         parts: `budget_parts` of it.
     """
-    if -sum(min(part, 0.0) for part in parts) <= CANCELLED:
+    own = [both for both in zip(members, parts, strict=True) if not both[0].is_generic]
+    if min((part for _, part in own), default=0.0) >= -CANCELLED:
         return []
     reason = "it and other names mostly undo each other"
     return [
         Decision(m.name, "cancelled", False, abs(part), CANCELLED, reason)
-        for m, part in zip(members, parts, strict=True)
-        if not m.is_generic and abs(part) > CANCELLED
+        for m, part in own
+        if abs(part) > CANCELLED
     ]
 
 

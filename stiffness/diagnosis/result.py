@@ -6,7 +6,7 @@ withheld a name.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -224,9 +224,12 @@ def _beyond_limits(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
     )
 
 
-def _tared_under_load(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
+def _tared_under_load(
+    decisions: Sequence[Decision], open_at: Collection[str]
+) -> tuple[Warned, ...]:
     """Say that one force along each visit's load is missing in all of its rows."""
-    asked = (d for d in decisions if d.candidate[0] == "generic_tare")
+    tare = (d for d in decisions if d.candidate[0] == "generic_tare")
+    asked = (d for d in tare if d.candidate[1] in open_at)
     text = (
         "part of the mismatch is what one force would do that pulls in each row as the "
         "visit's load does, also where none is read. Was the sensor zeroed while a "
@@ -239,9 +242,17 @@ def _tared_under_load(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
     )
 
 
-def remarks_on(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
-    """Say what decisions tell of the set-up, where the mismatch is not explained."""
-    return (*_beyond_limits(decisions), *_tared_under_load(decisions))
+def remarks_on(
+    decisions: Sequence[Decision], places: Sequence[UnexplainedPlace]
+) -> tuple[Warned, ...]:
+    """Say what decisions tell of the set-up, where the mismatch is not explained.
+
+    Args:
+        decisions: Of all gates.
+        places: What has no name.
+    """
+    open_at = {place.where for place in places}
+    return (*_beyond_limits(decisions), *_tared_under_load(decisions, open_at))
 
 
 SCATTER = "scatter"
@@ -284,8 +295,8 @@ def other_causes(named: Sequence[NamedEffect]) -> tuple[Warned, ...]:
 def _other_cause(effect: str, sizes: Mapping[str, Interval]) -> str:
     """Return what else displaces an arm as an effect of some sizes; empty: nothing."""
     nothing = Interval(np.nan, np.nan, np.nan)
-    names = ("mass_kg", "ratio", "order", "lag_rad")
-    mass, ratio, order, lag = (sizes.get(name, nothing) for name in names)
+    names = ("mass_kg", "ratio", "order", "lag_rad", "share_lag_rad")
+    mass, ratio, order, *lags = (sizes.get(name, nothing) for name in names)
     if mass.high < 0.0 or (effect == "mass_scale" and ratio.high < 1.0):
         return "a controller that takes out part of the arm's own sag"
     if effect == "tracker_scale" and abs(scale := ratio.estimate) > TRUE_SCALE:
@@ -293,7 +304,7 @@ def _other_cause(effect: str, sizes: Mapping[str, Interval]) -> str:
         return f"an arm that is {warm} than as drawn, if it is of aluminium"
     if effect == "transmission_error" and -np.inf < order.low <= 0.0:
         return "a spring across the axis, such as hoses, or a wrong gear ratio"
-    if lag.high < 0.0:
+    if any(lag.high < 0.0 for lag in lags):
         return "friction that holds the axis short of its angle"
     return ""
 

@@ -82,7 +82,8 @@ class Outlier:
         row: Of the recording.
         pose: Id of the pose.
         marker: The mark's name; `EVERY` for all marks of the row.
-        size: How far it is from where the others have it, in m.
+        size: How far it is from where the others have it, in m; of `EVERY`, from where
+            the nominal arm has them.
     """
 
     row: int
@@ -393,18 +394,23 @@ def _from_median(
 # --- Poses that follow nothing that others do -----------------------------------------
 
 
-def odd_poses(square: Float[np.ndarray, " poses"]) -> Bool[np.ndarray, " poses"]:
+def odd_poses(
+    square: Float[np.ndarray, " poses"], readings: Float[np.ndarray, " poses"]
+) -> Bool[np.ndarray, " poses"]:
     """Return which poses a set misses far more than nearly all others.
 
     Args:
         square: Whitened square of each pose that a set leaves, beyond noise.
+        readings: How many of marks each has.
     """
-    size = np.sqrt(np.maximum(square, 0.0))
-    limit = max(ODD * float(np.quantile(size, OF_MOST)), LEAST_ODD)
-    odd: Bool[np.ndarray, " poses"] = size > limit
-    part = float(np.sum(size[odd] ** 2)) / max(float(np.sum(size**2)), 1e-300)
-    few = len(size) < FEWEST_EVEN or np.mean(odd) > MOST_ODD
-    return np.zeros_like(odd) if few or part < ODD_PART else odd
+    square = np.maximum(square, 0.0)
+    size = np.sqrt(square / np.maximum(readings, 1))
+    if np.sum(readings > 0) < FEWEST_EVEN:
+        return np.zeros(len(size), dtype=bool)
+    limit = ODD * float(np.quantile(size[readings > 0], OF_MOST))
+    odd: Bool[np.ndarray, " poses"] = (size > limit) & (square > LEAST_ODD**2)
+    part = float(np.sum(square[odd])) / max(float(np.sum(square)), 1e-300)
+    return odd & (part >= ODD_PART) & (np.mean(odd) <= MOST_ODD)
 
 
 def outliers_at(
@@ -415,7 +421,7 @@ def outliers_at(
     Args:
         recording: With markers.
         odd: Ids of the poses.
-        residual: How far each reading is from where the arm has it, in m.
+        residual: How far each reading is from where the nominal arm has it, in m.
     """
     pose, square = recording.posture_id, np.sum(residual**2, axis=2)
     seen = np.isfinite(square).sum(axis=1)
@@ -431,8 +437,9 @@ def odd_text(found: Sequence[Outlier]) -> str:
     poses = sorted({o.pose for o in found})
     shown = ", ".join(map(str, poses[:SHOWN]))
     more = f" and {len(poses) - SHOWN} more" if len(poses) > SHOWN else ""
+    are = "pose was" if len(poses) == 1 else "poses were"
     return (
-        f"{len(poses)} poses ({shown}{more}) were left out: they follow nothing that "
-        "all others do. Was the tracker bumped there, were rows exchanged, or was a "
-        "reading or a load written down twice?"
+        f"{len(poses)} {are} left out ({shown}{more}), of which what explains all "
+        "others leaves far more. Was the tracker bumped there, were rows exchanged, or "
+        "was a reading or a load written down twice?"
     )

@@ -212,7 +212,7 @@ def of_sag(
     arm: Arm,
     frames: TrackerFit,
     fit: LoadResponse,
-    over_hook: float | None = None,
+    over_hook: float | None,
 ) -> Warned | None:
     """Doubt mounting and units where its own weight turns the arm otherwise than loads.
 
@@ -384,9 +384,9 @@ def of_tool(recording: Recording, arm: Arm) -> Warned | None:
     """Doubt whether readings hold the tool's weight, by those without a load.
 
     ==========  ======================================================================
-    Equation    f = m g + R b, f the force along the base's axes as it is used, R the
-                sensor's axes, b its zero: m = the tool's mass where it is not taken
-                off, minus that where it never was in the readings
+    Equation    f = u + R b, f the force along the base's axes as it is used, R the
+                sensor's axes, b its zero: u = m g, m the tool's mass where it is not
+                taken off, minus that where it never was in the readings
     Source      statics; least squares over means of postures
     Valid       a sensor that turns with the arm; a tool of stated mass
     Ignores     what hangs on the sensor beside the tool: m is another number then
@@ -411,19 +411,25 @@ def of_tool(recording: Recording, arm: Arm) -> Warned | None:
     force = wrench_in_base(some, standing)[:, :3]
     mounting = Rotation.from_quat(sensor.quaternion_wxyz, scalar_first=True)
     axes = standing.turn(sensor.body) @ mounting.as_matrix()
-    pull = np.broadcast_to(arm.chain.gravity, force.shape)[..., None]
-    rows = np.concatenate([pull, axes, force[..., None]], axis=2)
+    still = np.broadcast_to(np.eye(3), axes.shape)
+    rows = np.concatenate([still, axes, force[..., None]], axis=2)
     mean = np.stack([np.bincount(index, v) for v in rows.reshape(len(rows), -1).T])
-    design = (mean / count).T.reshape(-1, 5)
-    size = np.linalg.svd(design[:, :4], compute_uv=False)
+    design, read = np.split((mean / count).T.reshape(-1, 7), [6], axis=1)
+    size = np.linalg.svd(design, compute_uv=False)
     if size[-1] <= RANK * size[0]:
         return None
-    found, square, _, _ = np.linalg.lstsq(design[:, :4], design[:, 4])
-    inverse = np.linalg.inv(design[:, :4].T @ design[:, :4])
-    error = float(np.sqrt(square.sum() / (len(design) - 4) * inverse[0, 0]))
-    held = float(found[0]) + tool.mass * sensor.includes_tool_weight
-    meant = 0.0 if sensor.includes_tool_weight else tool.mass
-    if abs(held - meant) > NEAR * tool.mass or error > SURE * tool.mass:
+    found, square, _, _ = np.linalg.lstsq(design, read[:, 0])
+    inverse = np.linalg.inv(design.T @ design)[:3, :3]
+    error = float(np.sqrt(square.sum() / (len(design) - 6) * np.max(inverse)))
+    weight = tool.mass * float(np.linalg.norm(arm.chain.gravity))
+    down = arm.chain.gravity / np.linalg.norm(arm.chain.gravity)
+    along = float(found[:3] @ down)
+    across = float(np.linalg.norm(found[:3] - along * down))
+    held = tool.mass * (along / weight + sensor.includes_tool_weight)
+    if_mistaken = 0.0 if sensor.includes_tool_weight else tool.mass
+    if abs(held - if_mistaken) > NEAR * tool.mass or error > SURE * weight:
+        return None
+    if across > NEAR * weight:  # the arm hangs otherwise than is stated
         return None
     other = "false" if sensor.includes_tool_weight else "true"
     text = (

@@ -392,21 +392,23 @@ MEASURED = ("angle", "length", "force", "torque")
 
 
 def _read_twice(held: Mapping[str, Held], file: str) -> list[str]:
-    """Return faults where axes, marks or directions are read from one column.
+    """Return faults where axes, marks or directions are read from one column alike.
 
-    What was commanded and what was reported of one axis may be the same.
+    What was commanded and what was reported of one axis may be the same, as may the
+    spreads of a mark's coordinates; one of two linked axes is minus the other.
     """
-    readers: dict[tuple[str, str], list[str]] = {}
+    readers: dict[tuple[object, ...], list[str]] = {}
     for name, found in held.items():
-        at_zero = not all(factor for _, factor in found.terms)
-        if found.column.kind in MEASURED and len(found.sources) == 1 and not at_zero:
+        terms = found.terms or ((found.source, 1.0),)
+        spread = _SPREAD.fullmatch(name) is not None
+        if found.column.kind in MEASURED and len(terms) == 1 and not spread:
             end = name.partition("_")[2] if found.column.axis else ""
-            readers.setdefault((found.sources[0], end), []).append(repr(name))
+            readers.setdefault((*terms[0], end), []).append(repr(name))
     return [
         f"{file}: {' and '.join(names)} are read from the same column, {source!r}; "
-        "each has its own."
-        for (source, _), names in readers.items()
-        if len(names) > 1
+        "each has its own, or factor = 0 where a force or torque is zero."
+        for (source, factor, _), names in readers.items()
+        if len(names) > 1 and factor
     ]
 
 

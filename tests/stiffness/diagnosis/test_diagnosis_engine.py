@@ -272,6 +272,7 @@ def test_poses_that_differ_at_random_are_a_mismatch_where_noise_is_measured():
         ("transmission_error", {"order": (1.0, -0.3, 2.3)}, "spring across the axis"),
         ("transmission_error", {"order": (1.0, -np.inf, np.inf)}, ""),
         ("reading_lag", {"lag_rad": (-1e-4, -2e-4, -5e-5)}, "friction that holds"),
+        ("reading_lag", {"share_lag_rad": (-1e-4, -2e-4, -5e-5)}, "friction that"),
         ("reading_lag", {"lag_rad": (1e-4, 5e-5, 2e-4)}, ""),
     ],
 )

@@ -53,6 +53,7 @@ from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.residual_map import GenericTerm
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.regression.intervals import jackknife_covariance
 from stiffness.regression.normal_equations import losses_without, minimum_norm_fit
@@ -193,15 +194,20 @@ def test_part_of_the_budget_is_what_a_name_displaces_along_all_names_together():
 @pytest.mark.parametrize(
     ("parts", "withheld"),
     [
-        ((0.6, 0.5, -0.1), set()),  # a name may go against the others a little
-        ((3.8, -3.5, 0.7), {0, 1, 2}),
-        ((3.8, -3.0, 0.2), {0, 1}),
+        ((0.6, 0.5, -0.1, 0.0), set()),  # a name may go against the others a little
+        ((0.9, -0.3, -0.3, 0.7), set()),
+        ((3.8, -3.5, 0.7, 0.0), {0, 1, 2}),
+        ((3.8, -3.0, 0.2, 0.0), {0, 1}),
+        ((0.6, 0.0, 0.0, -0.8), set()),  # what has no name is no name's fault
+        ((-0.8, 0.2, 0.1, 1.5), {0}),
     ],
 )
 def test_names_that_mostly_undo_each_other_are_withheld(parts, withheld):
     """Zeros of 5 mrad and lengths of 3 mm did what a hook on the rope had done."""
     laws = (EncoderOffset(), GeometryError(), Hysteresis())
     members = [ModelTerm(law, "a3", np.zeros(0)) for law in laws]
+    nameless = GenericTerm("generic_load", "load", "load")
+    members.append(ModelTerm(nameless, "a3", np.zeros(0)))
     found = {d.candidate for d in cancelled_names(members, parts)}
     assert found == {members[k].name for k in withheld}
 

@@ -8,6 +8,7 @@ from small_bench import arm, recording
 
 from bench.shared.recording import Payload, Recording
 from stiffness.setup.check import setup_errors
+from stiffness.setup.loads import of_tool
 
 TOOL = Payload(mass=0.5, com=np.array([0.0, 0.0, 0.05]))
 
@@ -51,3 +52,15 @@ def test_forces_along_the_bases_axes_do_not_tell_a_weight_from_a_zero():
     assert "tool_weight" not in {
         one.code for one in setup_errors(replace(made, wrench_sensor=base), arm())
     }
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_an_arm_on_a_wall_is_no_tool_that_is_stated_wrongly(stated):
+    """What is taken off for the tool there pulls along two directions of the base."""
+    made, nominal = weighed(0.5, stated=True), arm()
+    wall = nominal.chain.gravity[[2, 1, 0]]
+    hung = replace(nominal, chain=replace(nominal.chain, gravity=wall))
+    assert made.wrench_sensor is not None
+    sensor = replace(made.wrench_sensor, includes_tool_weight=stated)
+    told = of_tool(replace(made, wrench_sensor=sensor), hung)
+    assert told is None
