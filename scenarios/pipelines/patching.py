@@ -152,7 +152,10 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     }
     memory, memories = memory_of(diagnosis.named)
     frame = np.asarray(nominal.base_from_tracker, float)
-    seen = recording.take(~np.isin(recording.posture_id, diagnosis.held_out))
+    fitted = ~np.isin(recording.posture_id, diagnosis.held_out)
+    if recording.points is not None:
+        fitted &= np.isfinite(recording.points).any(axis=(1, 2))
+    seen = recording.take(fitted)
     return Patch(
         stiffness_nm_per_rad=springs,
         effects=tuple(

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from small_bench import FEW, arm, recording, relative
 
 from bench.shared.recording import Recording
+from scenarios.pipelines.patching import patch_of_diagnosis
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
@@ -213,6 +214,10 @@ def test_poses_that_were_read_wrongly_cost_nothing_but_themselves(fault):
     assert not {*odd.tolist()} & {*found.held_out}
     (said,) = (w for w in found.warnings if w.code == "odd_poses")
     assert all(str(pose) in said.text for pose in odd)
+    less = without_outliers(made, found.outliers)
+    others = made.take(np.flatnonzero(~np.isin(made.posture_id, odd)))
+    patches = [patch_of_diagnosis(found, some, arm()) for some in (less, others)]
+    assert patches[0].fitted == patches[1].fitted  # where they were does not count
 
 
 @pytest.mark.parametrize(
