@@ -31,9 +31,7 @@ from stiffness.diagnosis.model_fit import (
     training,
 )
 from stiffness.diagnosis.relinearisation import changes_moments
-from stiffness.diagnosis.sufficient_statistics import (
-    per_pose_scores,
-)
+from stiffness.diagnosis.sufficient_statistics import per_pose_scores
 from stiffness.effects.base import (
     Hypothesis,
     are_near,

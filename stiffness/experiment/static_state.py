@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.transform import Rotation
 
 from bench.shared.recording import Recording
 from stiffness.experiment.sensor_noise import clear_channels, tared
@@ -34,7 +33,7 @@ from stiffness.robot.arm import Arm
 from stiffness.robot.equilibrium import equilibrium
 from stiffness.robot.kinematics import ArmState
 from stiffness.robot.tracker_frame import TrackerFit
-from stiffness.robot.wrench import felt_body, wrench_in_base
+from stiffness.robot.wrench import axes_of_sensor, felt_body, wrench_in_base
 
 # --- Situation ------------------------------------------------------------------------
 
@@ -530,8 +529,7 @@ def _sensor(recording: Recording, standing: ArmState) -> tuple[np.ndarray, np.nd
     if spec is None:
         return standing.point("flange", np.zeros(3)), standing.turn("flange")
     at = standing.point(spec.body, spec.position)
-    mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True).as_matrix()
-    return at, standing.turn(spec.body) @ mounting
+    return at, axes_of_sensor(spec, standing)
 
 
 def screw_of(standing: ArmState) -> Float[np.ndarray, "rows axes 6"]:

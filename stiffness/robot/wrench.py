@@ -13,9 +13,17 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
-from bench.shared.recording import Payload, Recording
+from bench.shared.recording import Payload, Recording, WrenchSpec
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState
+
+
+def axes_of_sensor(
+    sensor: WrenchSpec, standing: ArmState
+) -> Float[np.ndarray, "rows 3 3"]:
+    """Return a force sensor's own axes along the base's, one a column."""
+    mounting = Rotation.from_quat(sensor.quaternion_wxyz, scalar_first=True).as_matrix()
+    return standing.turn(sensor.body) @ mounting
 
 
 def wrench_in_base(
@@ -38,9 +46,7 @@ def wrench_in_base(
         fault = "no wrench: give the columns fx_n … tz_nm and [sensors.wrench]."
         raise Unusable(f"Recording {recording.name!r}", [fault])
     if sensor.frame == "sensor":
-        mounting = Rotation.from_quat(sensor.quaternion_wxyz, scalar_first=True)
-        turn = standing.turn(sensor.body) @ mounting.as_matrix()
-        wrench = turned(wrench, turn)
+        wrench = turned(wrench, axes_of_sensor(sensor, standing))
     tool = recording.tool
     if sensor.includes_tool_weight and tool is not None and tool.mass:
         lever = standing.point("flange", tool.com)

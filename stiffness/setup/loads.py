@@ -41,14 +41,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import nnls
-from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import BenchError, Warned
 from bench.shared.recording import UNLOADED, Marker, Recording
+from stiffness.experiment.visits import held_at_mean
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState, point_jacobian
 from stiffness.robot.tracker_frame import TrackerFit, initial_tracker_frame
-from stiffness.robot.wrench import wrench_in_base
+from stiffness.robot.wrench import axes_of_sensor, wrench_in_base
 from stiffness.setup.alternatives import (
     KGF,
     LBF,
@@ -177,13 +177,14 @@ def _over_hook(some: Recording) -> float | None:
     return float(np.sum(force) / np.sum(hung)) if hung.any() else None
 
 
-def of_size(some: Recording, arm: Arm, fit: LoadResponse) -> Warned | None:
+def of_size(
+    some: Recording, arm: Arm, fit: LoadResponse, over_hook: float | None
+) -> Warned | None:
     """Doubt units where springs come out as no arm has them."""
-    ratio = _over_hook(some)
-    if ratio is not None and not 1.0 / HEAVY < ratio < HEAVY:
-        unit = _unit(ratio)
+    if over_hook is not None and not 1.0 / HEAVY < over_hook < HEAVY:
+        unit = _unit(over_hook)
         text = (
-            f"the force is {ratio:.3g} times the weight on the hook"
+            f"the force is {over_hook:.3g} times the weight on the hook"
             f"{f', as if in {unit}' if unit else ''}: check the units of "
             "fx_n, fy_n, fz_n and of load_kg."
         )
@@ -403,18 +404,16 @@ def of_tool(recording: Recording, arm: Arm) -> Warned | None:
     if recording.load_mass is not None:
         none &= recording.load_mass == 0.0
     some = recording.take(np.flatnonzero(none))
-    index = np.unique(some.posture_id, return_inverse=True)[1]
-    count = np.bincount(index)
-    if len(count) < FEWEST or not arm.chain.gravity.any():
+    first = np.unique(some.posture_id, return_index=True)[1]
+    if len(first) < FEWEST or not arm.chain.gravity.any():
         return None
     standing = arm.at(some.posture)
     force = wrench_in_base(some, standing)[:, :3]
-    mounting = Rotation.from_quat(sensor.quaternion_wxyz, scalar_first=True)
-    axes = standing.turn(sensor.body) @ mounting.as_matrix()
+    axes = axes_of_sensor(sensor, standing)
     still = np.broadcast_to(np.eye(3), axes.shape)
     rows = np.concatenate([still, axes, force[..., None]], axis=2)
-    mean = np.stack([np.bincount(index, v) for v in rows.reshape(len(rows), -1).T])
-    design, read = np.split((mean / count).T.reshape(-1, 7), [6], axis=1)
+    mean = held_at_mean(some.posture_id, rows.reshape(len(rows), -1))[first]
+    design, read = np.split(mean.reshape(-1, 7), [6], axis=1)
     size = np.linalg.svd(design, compute_uv=False)
     if size[-1] <= RANK * size[0]:
         return None
@@ -497,9 +496,9 @@ def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
             shifted = _shifted(some, arm, frames)
             answer = _better(shifted, written, arm, frames, left)[1] or answer
     if answer is None:
-        answer = of_size(some, arm, written) or of_tool(recording, arm)
-        hung = _over_hook(some)
-        answer = answer or of_sag(recording, arm, frames, written, hung)
+        over_hook = _over_hook(some)
+        answer = of_size(some, arm, written, over_hook) or of_tool(recording, arm)
+        answer = answer or of_sag(recording, arm, frames, written, over_hook)
     return () if answer is None else (answer,)
 
 
