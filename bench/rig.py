@@ -6,7 +6,7 @@ carried out? What the instruments make of that is `bench.instruments`' business.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -246,7 +246,8 @@ class Rig:
         """
         moves = LastMoves.of(posture) if moves is None else moves
         springs = np.broadcast_to(self.springs, posture.shape)
-        total = nominal = Command(posture, springs, moves)
+        sag = partial(self.sag, posture)
+        total = nominal = Command(posture, springs, moves, sag)
         for effect in self._sorted:
             if isinstance(effect, CommandEffect):
                 added = effect.command(posture, nominal, self.anatomy)
@@ -254,6 +255,29 @@ class Rig:
                     total.reference + added.reference, total.stiffness + added.stiffness
                 )
         return total
+
+    def sag(
+        self, posture: Float[np.ndarray, "visits axes"]
+    ) -> Float[np.ndarray, "visits axes"]:
+        """Return how far weights turn each axis by the data sheet, in rad (m).
+
+        Those of the arm and the tool in a posture, in rad; 0 where an axis is rigid.
+        """
+        model, springs = self.nominal, self.nominal.jnt_stiffness
+        joints = [model.joint(axis) for axis in self.anatomy.axes]
+        angle = [int(joint.qposadr[0]) for joint in joints]
+        force = [int(joint.dofadr[0]) for joint in joints]
+        flange, tool = model.body(self.anatomy.flange).id, self.mounted.payload
+        data, torque = mujoco.MjData(model), np.zeros(posture.shape)
+        for v, own in enumerate(posture):
+            data.qpos[angle] = own
+            mujoco.mj_forward(model, data)
+            torque[v] = -data.qfrc_bias[force]
+            point = data.xpos[flange] + data.xmat[flange].reshape(3, 3) @ tool.com
+            lever = np.zeros((3, model.nv))
+            mujoco.mj_jac(model, data, lever, None, point, flange)
+            torque[v] += tool.mass * model.opt.gravity @ lever[:, force]
+        return np.where(springs > 0, torque / np.maximum(springs, mujoco.mjMINVAL), 0.0)
 
     def _rest(
         self,

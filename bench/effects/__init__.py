@@ -10,6 +10,7 @@ from bench.effects.asymmetric_stiffness import AsymmetricStiffness
 from bench.effects.base_compliance import BaseCompliance
 from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.creep import Creep
+from bench.effects.deflection_compensation import DeflectionCompensation
 from bench.effects.drift import Drift
 from bench.effects.effect import Effect
 from bench.effects.encoder_offset import EncoderOffset
@@ -57,6 +58,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     GravityLoad,
     MassScale,
     GravityCompensator,
+    DeflectionCompensation,
     # in geometry
     TransmissionError,
     EncoderOffset,

@@ -10,7 +10,7 @@ The kind of an effect is where its physics happens:
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, TypeVar
 
@@ -152,11 +152,14 @@ class Command:
         reference: Angle of each axis at which its spring is slack, in rad.
         stiffness: Stiffness of each axis' spring, in N m/rad.
         moves: How each axis arrived; None: it is not known.
+        sag: Works out how far the weights of arm and tool turn each axis by the data
+            sheet, in rad (visits, axes); None: it is not asked for.
     """
 
     reference: Float[np.ndarray, "visits axes"]
     stiffness: Float[np.ndarray, "visits axes"]
     moves: LastMoves | None = None
+    sag: Callable[[], np.ndarray] | None = None
 
 
 class CommandEffect(Effect):

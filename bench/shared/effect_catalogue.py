@@ -302,6 +302,16 @@ _ALL = (
         "a spring or a gas cylinder helps the axis",
         largest=300.0,
     ),
+    EffectInfo(
+        "deflection_compensation",
+        "weight",
+        ("axis",),
+        _magnitudes("ratio", 0.0, 1.0, "1: what the controller's model says"),
+        ("load", "angle"),
+        MEANS,
+        "the controller takes out a share of the axis' own sag",
+        largest=3.0,
+    ),
     # in geometry
     EffectInfo(
         "transmission_error",

@@ -381,10 +381,7 @@ PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
     ),
     "bearing_tilt": ("bearing", "tilts", "tilt", "u_rad_per_nm v_rad_per_nm", ""),
     "link_bending": ("link", "bends", "bend", "bending_nm2", "stiff"),
-    "base_compliance": (
-        *("", "gives way", "give way"),
-        *("rx_rad_per_nm ry_rad_per_nm", ""),
-    ),
+    "base_compliance": ("", "gives way", "give way", "rx_rad_per_nm ry_rad_per_nm", ""),
     "gravity_load": (
         *("link", "weighs other than modelled", "weigh other than modelled"),
         *("mass_kg", ""),
@@ -393,6 +390,10 @@ PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
     "gravity_compensator": (
         *("axis", "is helped by a spring", "are helped by springs"),
         *("torque_nm", ""),
+    ),
+    "deflection_compensation": (
+        *("axis", "is held against its sag", "are held against their sag"),
+        *("ratio", "of the modelled sag"),
     ),
     "transmission_error": (
         *("gear", "errs with the angle", "err with the angle"),

@@ -11,6 +11,7 @@ from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.channel_delay import ChannelDelay
 from stiffness.effects.creep import Creep
+from stiffness.effects.deflection_compensation import DeflectionCompensation
 from stiffness.effects.drift import Drift
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.geometry_error import GeometryError
@@ -60,6 +61,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     MassScale(),
     GravityCompensator(),
     StretchedSpring(),
+    DeflectionCompensation(),
     # in geometry
     TransmissionError(),
     EncoderOffset(),

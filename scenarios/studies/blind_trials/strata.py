@@ -273,6 +273,13 @@ STRATA = {
             pool=OF_LOADS,
         ),
         Stratum("study_arm", "the study's arm, sizes within 30 %", effects=STUDY),
+        Stratum(
+            "compensated",
+            "an axis whose sag the controller takes out",
+            (400.0,),
+            pool=("deflection_compensation",),
+            most=40_000.0,
+        ),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""

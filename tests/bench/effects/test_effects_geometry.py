@@ -5,6 +5,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
+from bench.effects.deflection_compensation import DeflectionCompensation
 from bench.effects.encoder_offset import EncoderOffset
 from bench.effects.geometry_error import GeometryError
 from bench.effects.reading_lag import ReadingLag
@@ -54,6 +55,19 @@ def test_lag_by_share_follows_the_axis_speed_in_a_synchronised_move(arm):
     first = LastMoves(moves.side[:, :1], moves.share[:, :1])
     beyond = rig.command(still, first).reference[:, 0] - posture[:, 0]
     assert_allclose(beyond, 5e-4 * moves.share[:, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("reported", [-1.0, 0.3, 2.0])
+def test_controller_turns_an_axis_back_by_what_its_weights_wind_up(tmp_path, reported):
+    """Link and tool about a horizontal axis, by the model's spring."""
+    arm, mass = lever(tmp_path, mass=2.0), 2.0
+    rig = Rig(arm, (DeflectionCompensation("a1", 0.7),), stiffness=np.array([8e4]))
+    tool, beyond = rig.mounted.payload, rig.command(np.array([[reported]])).reference
+    first = mass * LENGTH * np.cos(reported)
+    x, _, z = tool.com
+    first += tool.mass * ((LENGTH + x) * np.cos(reported) + z * np.sin(reported))
+    assert tool.mass > 0.0
+    assert_allclose(beyond - reported, -0.7 * 9.81 * first / 5e4, rtol=1e-9)
 
 
 @pytest.mark.parametrize("reported", [-1.0, 0.3, 2.0])

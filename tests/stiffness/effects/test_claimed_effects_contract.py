@@ -50,6 +50,7 @@ VOCABULARY = {
     "gravity_load": {"mass_kg", "com_x_m", "com_y_m", "com_z_m"}
     | {f"moment_{axis}_kg_m" for axis in "xyz"},
     "mass_scale": {"ratio"},
+    "deflection_compensation": {"ratio"},
     "gravity_compensator": {"torque_nm", "phase_rad", "free_length_ratio", "arm_ratio"},
     "geometry_error": {*SHIFT, *TURN},
     "base_compliance": {f"r{axis}_rad_per_nm" for axis in ("x", "y", "z", "xy")}
@@ -70,6 +71,7 @@ IN_MEANS = (
     *("transmission_error", "encoder_offset", "gravity_load", "gravity_compensator"),
     *("geometry_error", "wrench_bias", "tracker_scale", "tracker_misalignment"),
     *("marker_slip", "reading_lag", "mass_scale"),
+    "deflection_compensation",
 )
 """What stays the same within a visit, and so cancels in differences."""
 

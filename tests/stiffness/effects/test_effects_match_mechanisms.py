@@ -13,6 +13,7 @@ from bench.effects.asymmetric_stiffness import AsymmetricStiffness
 from bench.effects.base_compliance import BaseCompliance
 from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.creep import Creep
+from bench.effects.deflection_compensation import DeflectionCompensation
 from bench.effects.drift import Drift
 from bench.effects.effect import Effect
 from bench.effects.encoder_offset import EncoderOffset
@@ -85,6 +86,8 @@ EXACT = [
     (GravityCompensator("a2", 5.0, 0.4), (), ""),
     (GravityCompensator("a2", 5.0, 0.4, 0.5, 0.3), (0.4, 0.3), ""),
     (GravityCompensator("a3", 5.0, -2.0, -2.0, 0.6), (-2.0, 0.6), ""),
+    (DeflectionCompensation("a2", 0.2), (), ""),
+    (DeflectionCompensation("a5", 1.0), (), ""),
     (TransmissionError("a3", 1e-4, 2.0, 0.7), (2.0,), ""),
     (GeometryError("link_1", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
     (GeometryError("link_4", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
