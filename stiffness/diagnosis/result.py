@@ -295,9 +295,9 @@ def other_causes(named: Sequence[NamedEffect]) -> tuple[Warned, ...]:
 def _other_cause(effect: str, sizes: Mapping[str, Interval]) -> str:
     """Return what else displaces an arm as an effect of some sizes; empty: nothing."""
     nothing = Interval(np.nan, np.nan, np.nan)
-    names = ("mass_kg", "ratio", "order", "lag_rad", "share_lag_rad")
-    mass, ratio, order, *lags = (sizes.get(name, nothing) for name in names)
-    if mass.high < 0.0 or (effect == "mass_scale" and ratio.high < 1.0):
+    names = ("ratio", "order", "lag_rad", "share_lag_rad")
+    ratio, order, *lags = (sizes.get(name, nothing) for name in names)
+    if effect == "mass_scale" and ratio.high < 1.0:
         return "a controller that takes out part of the arm's own sag"
     if effect == "tracker_scale" and abs(scale := ratio.estimate) > TRUE_SCALE:
         warm = f"{abs(scale) / ALUMINIUM:.1f} K {'warmer' if scale > 0 else 'colder'}"

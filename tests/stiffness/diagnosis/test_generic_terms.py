@@ -278,6 +278,7 @@ def test_no_mechanism_far_away_imitates_what_shows_at_its_place_alone(law):
         *("gravity_load", "mass_scale", "gravity_compensator", "pulley_friction"),
         *("transmission_error", "encoder_offset", "geometry_error", "tracker_scale"),
         *("tracker_misalignment", "wrench_bias", "wrench_gain", "wrench_misalignment"),
+        "deflection_compensation",
     }
     found = is_local(ModelTerm(law, "a2", np.zeros(0)))
     assert found == (law.effect not in seen_everywhere)
