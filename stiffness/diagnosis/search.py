@@ -33,7 +33,7 @@ from stiffness.diagnosis.model_fit import (
     fit_model,
     fit_shapes,
 )
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Hypothesis, site_number
 from stiffness.effects.candidates import Library, Mapped
 from stiffness.effects.residual_map import SENSOR
 from stiffness.regression.group_selection import (
@@ -397,7 +397,11 @@ def with_generic_terms(
     fit = fit_model(case, terms)
     held = {term.name for term in terms}
     asked = [(generic_term(b), p) for b, p in blocks_beside(case, fit)]
-    generic = [t for t, p in asked if p < SIGNIFICANCE and t.name not in held]
+    generic = [
+        t
+        for t, p in asked
+        if t.name not in held and (p < SIGNIFICANCE or _may_replace(t, terms))
+    ]
     if not generic and not any(t.is_generic and not t.beyond for t in terms):
         return terms, ()
     search = Search.of(case, [*terms, *fine, *generic], refused)
@@ -408,6 +412,20 @@ def with_generic_terms(
         search = Search.of(case, [*first, *fine], refused)
         selected = select_groups(search.problem, range(len(first)))
     return fit_shapes(case, one_each(search, selected.groups)), selected.decisions
+
+
+def _may_replace(term: ModelTerm, held: Sequence[ModelTerm]) -> bool:
+    """Return whether a generic term is a course of the axis after a link with one.
+
+    Courses of links compete from the first, those of axes do not.
+    """
+    return any(
+        t.is_generic
+        and t.where.startswith("link_")
+        and t.depends_on == term.depends_on == ("time",)
+        and term.where == f"a{site_number(t.where)}"
+        for t in held
+    )
 
 
 def replaced_by_forms(
