@@ -14,6 +14,7 @@ a torso, or for the arms that a recording moves.
 """
 
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -267,6 +268,46 @@ def wraps_on_joints(model: mujoco.MjModel, tendon: int) -> list[int]:
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     on_joints = model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
     return list(range(first, first + count)) if on_joints else []
+
+
+# --- Statics --------------------------------------------------------------------------
+
+
+class Statics:
+    """Weight of an arm's links, and how a point on its flange moves with the axes.
+
+    Attributes:
+        model: The arm; its gravity acts, even where a flag switches it off.
+    """
+
+    def __init__(self, model: mujoco.MjModel, arm: Anatomy):
+        """Take a copy of the model: gravity acts in it."""
+        self.model = copy(model)
+        self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        self._data = mujoco.MjData(self.model)
+        joints = [model.joint(axis) for axis in arm.axes]
+        self._position = [int(joint.qposadr[0]) for joint in joints]
+        self._dof = [int(joint.dofadr[0]) for joint in joints]
+        self._flange = model.body(arm.flange).id
+
+    def at(
+        self, posture: Float[np.ndarray, " axes"], place: Float[np.ndarray, "3"]
+    ) -> tuple[Float[np.ndarray, " axes"], Float[np.ndarray, "3 axes"]]:
+        """Return the weight's torques and the Jacobian of a place on the flange.
+
+        Torques in N m (slides: N); the place in m in the flange's frame, the Jacobian
+        in m per rad along the world's axes. The posture is in rad.
+        """
+        model, data = self.model, self._data
+        data.qpos[self._position] = posture
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        held, jacobian = np.empty(model.nv), np.empty((3, model.nv))
+        mujoco.mj_rne(model, data, 0, held)
+        turn = data.xmat[self._flange].reshape(3, 3)
+        point = data.xpos[self._flange] + turn @ place
+        mujoco.mj_jac(model, data, jacobian, None, point, self._flange)
+        return -held[self._dof], jacobian[:, self._dof]
 
 
 # --- Some axes of many ----------------------------------------------------------------

@@ -26,6 +26,7 @@ from jaxtyping import Bool, Float
 
 from bench import postures
 from bench.cell import GRAVITY
+from bench.kinematic_chain import Statics
 from bench.model_file import load
 from bench.postures import Room
 from bench.rig import Rig
@@ -138,11 +139,13 @@ def _estimate(rig: Rig, allowed: Float[np.ndarray, " axes"]) -> tuple[float, int
     """Return the largest mass on the hook in kg, and the axis that allows no more."""
     room = Room(rig.nominal, rig.anatomy, rig.mounted)
     limits = postures.within(room.limits, rig.anatomy.slides)
-    statics = _Statics(rig)
+    statics = Statics(rig.nominal, rig.anatomy)
+    hook = rig.mounted.sensor_position + np.array(rig.mounted.hook)
 
     def mass(posture: np.ndarray) -> tuple[float, int]:
-        weight, lever = statics(posture)
-        each = (allowed - weight) / np.maximum(GRAVITY * lever, 1e-9)
+        weight, jacobian = statics.at(posture, hook)
+        lever = np.linalg.norm(jacobian, axis=0)
+        each = (allowed - np.abs(weight)) / np.maximum(GRAVITY * lever, 1e-9)
         return float(each.min()), int(each.argmin())
 
     tried = postures.spread(limits, STARTS, 0, central=1.0)
@@ -154,33 +157,6 @@ def _estimate(rig: Rig, allowed: Float[np.ndarray, " axes"]) -> tuple[float, int
             posture[:] = min((*line, posture.copy()), key=lambda q: mass(q)[0])
     least, axis = min(mass(posture) for posture in worst)
     return least - rig.mounted.payload.mass, axis
-
-
-class _Statics:
-    """Torques of an arm's own weight, and the hook's distances from the axes."""
-
-    def __init__(self, rig: Rig):
-        self.model, self.data = rig.nominal, mujoco.MjData(rig.nominal)
-        arm, cell = rig.anatomy, rig.mounted
-        joints = [self.model.joint(axis) for axis in arm.axes]
-        self.positions = [joint.qposadr[0] for joint in joints]
-        self.dof = [joint.dofadr[0] for joint in joints]
-        self.flange = self.model.body(arm.flange).id
-        self.hook = cell.sensor_position + np.array(cell.hook)
-
-    def __call__(self, posture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return both for each axis, in N m and m (slides: N and 1)."""
-        model, data = self.model, self.data
-        data.qpos[self.positions] = posture
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        weight, jacobian = np.empty(model.nv), np.empty((3, model.nv))
-        mujoco.mj_rne(model, data, 0, weight)
-        turn = data.xmat[self.flange].reshape(3, 3)
-        point = data.xpos[self.flange] + turn @ self.hook
-        mujoco.mj_jac(model, data, jacobian, None, point, self.flange)
-        lever = np.linalg.norm(jacobian[:, self.dof], axis=0)
-        return np.abs(weight[self.dof]), lever
 
 
 # --- Load paths within it -------------------------------------------------------------

@@ -21,6 +21,7 @@ from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, Ro
 from bench.effects.link_bending import Beam, LinkBending
 from bench.kinematic_chain import (
     Anatomy,
+    Statics,
     anatomy,
     pose_in,
     with_axes,
@@ -263,20 +264,12 @@ class Rig:
 
         Those of the arm and the tool in a posture, in rad; 0 where an axis is rigid.
         """
-        model, springs = self.nominal, self.nominal.jnt_stiffness
-        joints = [model.joint(axis) for axis in self.anatomy.axes]
-        angle = [int(joint.qposadr[0]) for joint in joints]
-        force = [int(joint.dofadr[0]) for joint in joints]
-        flange, tool = model.body(self.anatomy.flange).id, self.mounted.payload
-        data, torque = mujoco.MjData(model), np.zeros(posture.shape)
+        springs, tool = self.nominal.jnt_stiffness, self.mounted.payload
+        statics = Statics(self.nominal, self.anatomy)
+        gravity, torque = self.nominal.opt.gravity, np.zeros(posture.shape)
         for v, own in enumerate(posture):
-            data.qpos[angle] = own
-            mujoco.mj_forward(model, data)
-            torque[v] = -data.qfrc_bias[force]
-            point = data.xpos[flange] + data.xmat[flange].reshape(3, 3) @ tool.com
-            lever = np.zeros((3, model.nv))
-            mujoco.mj_jac(model, data, lever, None, point, flange)
-            torque[v] += tool.mass * model.opt.gravity @ lever[:, force]
+            weight, jacobian = statics.at(own, tool.com)
+            torque[v] = weight + tool.mass * gravity @ jacobian
         return np.where(springs > 0, torque / np.maximum(springs, mujoco.mjMINVAL), 0.0)
 
     def _rest(

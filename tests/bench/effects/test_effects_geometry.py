@@ -68,6 +68,12 @@ def test_controller_turns_an_axis_back_by_what_its_weights_wind_up(tmp_path, rep
     first += tool.mass * ((LENGTH + x) * np.cos(reported) + z * np.sin(reported))
     assert tool.mass > 0.0
     assert_allclose(beyond - reported, -0.7 * 9.81 * first / 5e4, rtol=1e-9)
+    text = arm.read_text().replace(
+        "<option", '<option><flag gravity="disable"/></option><option', 1
+    )
+    arm.write_text(text)
+    rig = Rig(arm, rig.effects, stiffness=rig.stiffness)
+    assert_allclose(rig.command(np.array([[reported]])).reference, beyond, rtol=1e-12)
 
 
 @pytest.mark.parametrize("reported", [-1.0, 0.3, 2.0])
