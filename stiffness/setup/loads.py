@@ -242,7 +242,8 @@ def of_sag(
     text = (
         f"the wrench looks given in {unit}: under its own weight the arm gives way "
         f"{ratio:.3g} times as much as the wrench would have it. N and Nm are "
-        f"expected. Or the controller takes out {1.0 - ratio:.0%} of the sag."
+        f"expected. Or the controller takes out {1.0 - ratio:.0%} of the sag: the "
+        "weight on the hook tells, where the recording has it."
     )
     return Warned("units", "wrench_sensor", text)
 
@@ -264,9 +265,14 @@ def ends_of_bodies(markers: Sequence[Marker], arm: Arm) -> list[int]:
 def _of_mounting(
     pulls: np.ndarray, covariance: np.ndarray, modelled: np.ndarray
 ) -> Warned | None:
-    """Doubt how the base is mounted where gravity surely pulls along another line."""
+    """Doubt how the base is mounted where gravity surely pulls along another line.
+
+    A controller that takes out more than all of the sag turns it round, and no mounting
+    changes its size.
+    """
     down, size = modelled / np.linalg.norm(modelled), np.linalg.norm(pulls)
-    off = float(np.linalg.norm(pulls - size * down))
+    lifted = down @ pulls < 0.0 and abs(size - 1.0) > NEAR
+    off = float(np.linalg.norm(pulls - (down @ pulls if lifted else size) * down))
     error = float(np.sqrt(np.linalg.norm(covariance, 2)))
     if size < NEAR or off < NEAR * size or error > SURE * size or off < ERRORS * error:
         return None

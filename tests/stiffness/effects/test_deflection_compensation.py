@@ -1,5 +1,6 @@
 """A controller that takes out sag is named with its share, not as masses."""
 
+import pytest
 from small_bench import FEW, arm, recording
 
 from stiffness.diagnosis.diagnose import diagnose
@@ -11,9 +12,12 @@ from stiffness.effects.mass_scale import MassScale
 WEIGHTS = (GravityLoad(), MassScale(), GravityCompensator(), DeflectionCompensation())
 
 
-def test_sag_that_a_controller_takes_out_is_named_with_its_share():
-    """By its own model, while the true springs are stiffer; beside a gear's wind-up."""
-    true = {"a2": 0.6, "a3": 0.5}
+@pytest.mark.parametrize("true", [{"a2": 0.6, "a3": 0.5}, {"a2": 1.0, "a3": 1.0}])
+def test_sag_that_a_controller_takes_out_is_named_with_its_share(true):
+    """By its own model, while the true springs are stiffer: beside a gear's wind-up.
+
+    A share of 1 lifts the arm by more than it sags.
+    """
     effects = (f"deflection_compensation@{a},ratio={r}" for a, r in true.items())
     made = recording(*effects, "hysteresis@a3,width_rad=2e-4")
     found = diagnose(made, arm(), (*FEW, *WEIGHTS)).named
