@@ -101,9 +101,16 @@ def effect_of(found: PatchEffect) -> Effect:
         if own not in known:
             faults.append(str(UnknownName(f"parameter of {kind.name!r}", name, known)))
         elif isinstance(known[own].default, str):
-            values[own] = value if isinstance(value, str) else f"a{round(value)}"
+            if isinstance(value, str):
+                values[own] = value
+            elif math.isfinite(value):
+                values[own] = f"a{round(value)}"
+            else:
+                faults.append(f"{name} is {value}, expected an axis.")
         elif isinstance(value, str):
             faults.append(f"{name} is {value!r}, expected a number.")
+        elif not math.isfinite(value) and not is_stiffness(kind.name, own):
+            faults.append(f"{name} is {value}, expected a finite number.")
         else:
             values[own] = _possible(kind, own, value, known[own].default)
     refuse(f"Effect {found.effect!r} at {found.where!r}", faults)

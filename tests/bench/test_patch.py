@@ -208,6 +208,19 @@ def test_what_no_mechanism_can_have_is_taken_as_its_bound():
     assert set(effect_of(beam).parameters().values()) == {math.inf}
 
 
+@pytest.mark.parametrize(
+    ("effect", "where", "parameter"),
+    [
+        ("hysteresis", "a2", "width_rad"),
+        ("deflection_compensation", "a2", "ratio"),
+        ("wrist_coupling", "a5", "with"),
+    ],
+)
+def test_nothing_but_a_stiffness_may_be_infinite(effect, where, parameter):
+    with pytest.raises(Unusable, match=f"{parameter} is inf"):
+        effect_of(PatchEffect(effect, where, {parameter: None}))
+
+
 @pytest.mark.parametrize("effect", EXAMPLES, ids=title)
 def test_stiffnesses_alone_are_absent_at_infinity_and_have_no_limit(effect):
     """What a size is follows from the catalogue, whatever it is called."""
