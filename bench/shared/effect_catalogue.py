@@ -307,7 +307,7 @@ _ALL = (
         "weight",
         ("axis",),
         _magnitudes("ratio", 0.0, 1.0, "1: what the controller's model says"),
-        ("load", "angle"),
+        ("angle",),
         MEANS,
         "the controller takes out a share of the axis' own sag",
         largest=3.0,

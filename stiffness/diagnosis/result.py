@@ -283,7 +283,7 @@ TRUE_SCALE = 2e-5
 
 
 def other_causes(named: Sequence[NamedEffect]) -> tuple[Warned, ...]:
-    """Say what looks like a name and is no effect here."""
+    """Say what looks like a name and may be something else."""
     said = ((one, _other_cause(one.name.effect, one.parameters)) for one in named)
     return tuple(
         Warned("other_cause", one.name.where, f"{one.name} may also be {cause}.")
@@ -298,7 +298,7 @@ def _other_cause(effect: str, sizes: Mapping[str, Interval]) -> str:
     names = ("ratio", "order", "lag_rad", "share_lag_rad")
     ratio, order, *lags = (sizes.get(name, nothing) for name in names)
     if effect == "mass_scale" and ratio.high < 1.0:
-        return "a controller that takes out part of the arm's own sag"
+        return "a controller that takes out part of the sag, the same in all axes"
     if effect == "tracker_scale" and abs(scale := ratio.estimate) > TRUE_SCALE:
         warm = f"{abs(scale) / ALUMINIUM:.1f} K {'warmer' if scale > 0 else 'colder'}"
         return f"an arm that is {warm} than as drawn, if it is of aluminium"

@@ -278,7 +278,7 @@ STRATA = {
             "an axis whose sag the controller takes out",
             (400.0,),
             pool=("deflection_compensation",),
-            most=40_000.0,
+            most=4_000_000.0,
         ),
     )
 }
@@ -357,5 +357,6 @@ BARS = (
     Bar(("outliers",), "listed", 0.95),
     Bar(("mistaken_relative",), "listed", 0.95),
     Bar(("mistaken_absolute",), "listed", 0.95),
+    Bar(("compensated",), "right", 0.95),
 )
 """Limits on shares of trials; those on coverage, gain and time are in `rates`."""

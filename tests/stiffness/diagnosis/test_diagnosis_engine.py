@@ -262,7 +262,7 @@ def test_poses_that_differ_at_random_are_a_mismatch_where_noise_is_measured():
 @pytest.mark.parametrize(
     ("name", "sizes", "words"),
     [
-        ("mass_scale", {"ratio": (0.8, 0.78, 0.82)}, "part of the arm's own sag"),
+        ("mass_scale", {"ratio": (0.8, 0.78, 0.82)}, "part of the sag"),
         ("creep", {"ratio": (0.1, 0.08, 0.12)}, ""),
         ("tracker_scale", {"ratio": (1.15e-4, 1.1e-4, 1.2e-4)}, "5.0 K warmer"),
         ("tracker_scale", {"ratio": (-1.15e-4, -1.2e-4, -1.1e-4)}, "5.0 K colder"),
