@@ -461,7 +461,8 @@ def _of_slight_share(
     is withheld is not sure, but no unknown mechanism. One of the arm takes no gear, no
     bearing and nothing that neither angles nor loads change far from the strongest such
     term, nor where most is beyond the columns of its place and more than the term may
-    leave: there counts what is open elsewhere. Of parts below zero the size counts.
+    leave: there counts what is open elsewhere. No columns know how long an unknown
+    mechanism remembers. Of parts below zero the size counts.
     """
     model, left = judged.model, judged.residual
     members, sizes = model.fit.members, np.abs(parts)
@@ -480,7 +481,9 @@ def _of_slight_share(
         other = sum(more[w] for w in some) / whole
         for j in (j for j in unknown if members[j].where not in less):
             where, of_law = members[j].where, GENERIC_ACCURACY * model.drop_one_gains[j]
-            if not is_local(m) or _part_at(k, model, judged.beyond, where, of_law):
+            remember = all(REMEMBERED & {*one.depends_on} for one in (m, members[j]))
+            anyhow = not is_local(m) or (remember and are_near(m.where, where))
+            if anyhow or _part_at(k, model, judged.beyond, where, of_law):
                 other += sizes[j]
         share = own / max(own + other, 1e-12) if other > 0.0 else 1.0
         if share < NAMED_SHARE:

@@ -268,6 +268,25 @@ def test_of_names_that_go_against_each_other_the_sizes_count_beside_an_unknown_o
     assert set(withheld(0.2, 0.3, 0.5)) == {("hysteresis", "a2"), ("hysteresis", "a3")}
 
 
+@pytest.mark.parametrize(
+    ("depends_on", "axes"), [("load", ["a3"]), ("history", ["a2", "a3"])]
+)
+def test_what_remembers_may_be_what_remembers_otherwise_next_to_it(depends_on, axes):
+    """No column of a place knows for how long a mechanism without a name remembers."""
+    judged, sizes = judge(beside_a_thread()), {"a2": 0.2, "a3": 0.3}
+    fit, terms = judged.model.fit, list(judged.model.fit.members)
+    [k] = (k for k, term in enumerate(terms) if term.is_generic)
+    law = terms[k].hypothesis
+    assert isinstance(law, GenericTerm) and terms[k].where == "a3"
+    other = replace(law, depends_on=depends_on)
+    terms[k] = replace(terms[k], hypothesis=other)
+    model = replace(judged.model, fit=replace(fit, members=tuple(terms)))
+    parts = [0.5 if term.is_generic else sizes[term.where] for term in terms]
+    stands = [not term.is_generic for term in terms]
+    found = _of_slight_share(replace(judged, model=model), parts, stands)
+    assert sorted(d.candidate[1] for d in found) == axes
+
+
 @pytest.mark.parametrize("law", HYPOTHESES, ids=lambda law: type(law).__name__)
 def test_no_mechanism_far_away_imitates_what_shows_at_its_place_alone(law):
     """A tilted tracker looks like errors of links and offsets, and of no gear."""
