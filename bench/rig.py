@@ -6,7 +6,7 @@ carried out? What the instruments make of that is `bench.instruments`' business.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -247,7 +247,7 @@ class Rig:
         """
         moves = LastMoves.of(posture) if moves is None else moves
         springs = np.broadcast_to(self.springs, posture.shape)
-        sag = partial(self.sag, posture)
+        sag = cache(partial(self.sag, posture))  # once for all axes, if any asks
         total = nominal = Command(posture, springs, moves, sag)
         for effect in self._sorted:
             if isinstance(effect, CommandEffect):

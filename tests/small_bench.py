@@ -105,6 +105,10 @@ def relative(made: Recording) -> Recording:
     return moved.take(np.flatnonzero(seen))
 
 
+def names(found: Diagnosis) -> list[tuple[str, str]]:
+    return [(one.name.effect, one.name.where) for one in found.named]
+
+
 @cache
 def diagnosis(*effects: str) -> Diagnosis:
     return diagnose(recording(*effects), arm(), FEW)

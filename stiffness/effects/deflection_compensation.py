@@ -57,9 +57,7 @@ class DeflectionCompensation(Hypothesis):
 
 def _weight_torque(situation: StaticState) -> Float[np.ndarray, "rows axes"]:
     """Return the torque of the model's weights at the reported angles, in N m."""
-    return situation.once_standing("weight_torque", lambda: _at_reports(situation))
-
-
-def _at_reports(situation: StaticState) -> Float[np.ndarray, "rows axes"]:
-    recording = situation.recording
-    return situation.arm.at(recording.posture).gravity_torque(recording.tool)
+    arm, recording = situation.arm, situation.recording
+    return situation.once_standing(
+        "weight_torque", lambda: arm.gravity_torque(recording.posture, recording.tool)
+    )

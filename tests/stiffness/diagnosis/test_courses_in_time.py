@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_bench import FEW, MECHANICS, arm, moved_by, prepared
+from small_bench import FEW, MECHANICS, arm, moved_by, names, prepared
 
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.result import Diagnosis
 from stiffness.effects.base import marked_point
 from stiffness.effects.drift import Drift
 from stiffness.effects.gravity_load import GravityLoad
@@ -19,10 +18,6 @@ from stiffness.effects.jacobian import (
     translate,
 )
 from stiffness.effects.marker_slip import MarkerSlip
-
-
-def names(found: Diagnosis) -> list[tuple[str, str]]:
-    return [(one.name.effect, one.name.where) for one in found.named]
 
 
 @pytest.mark.parametrize("with_its_marks", [True, False])

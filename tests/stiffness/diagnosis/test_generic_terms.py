@@ -13,6 +13,7 @@ from small_bench import (
     arm,
     moved_by,
     nameless,
+    names,
     prepared,
     recording,
     select_model,
@@ -35,7 +36,7 @@ from stiffness.diagnosis.localisation import joined_places
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Diagnosis, Name, UnexplainedPlace
+from stiffness.diagnosis.result import Name, UnexplainedPlace
 from stiffness.diagnosis.search import (
     Search,
     _without_slight_terms,
@@ -87,10 +88,6 @@ from stiffness.regression.testing import SIGNIFICANCE
 
 GEAR = (Hardening(), LostMotion(), AsymmetricStiffness())
 OFFERED = {("a2", "torque"), ("a4", "direction")}
-
-
-def names(found: Diagnosis) -> list[tuple[str, str]]:
-    return [(e.name.effect, e.name.where) for e in found.named]
 
 
 def test_compliance_of_a_place_is_symmetric_along_the_moving_side():
